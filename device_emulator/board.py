@@ -37,6 +37,7 @@ from hil.wire.messages import (
     Arm,
     Capabilities,
     ClockMode,
+    DriveBoard,
     DriveForce,
     DriveGains,
     FieldRead,
@@ -102,6 +103,7 @@ class Board:
             Safe: self._safe,
             DriveForce: self._drive,
             DriveGains: self._gains,
+            DriveBoard: self._no_estimator,
         }
         self.power_up()
 
@@ -309,7 +311,7 @@ class Board:
             reason=self._reason,
             late=self._late,
             held=self._held,
-            bad_frames=self._rx.bad,
+            bad_frames=self._rx.bad + self._rx.passed_over,
             lost_seq=self._rx.lost,
             saturated=min(self._saturated, _TICK),
             watchdog_trips=self._trips,
@@ -365,6 +367,9 @@ class Board:
             return []
         self.state, self._due = State.RUNNING, effective_tick
         return [self.status()]
+
+    def _no_estimator(self, _: DriveBoard) -> list[Message]:
+        raise Refused(NackReason.BAD_STATE)  # this board's loop is never in that mode
 
     def _hello(self, hello: Hello) -> list[Message]:
         self._greeted = hello.protocol == SPEC.protocol and hello.spec_hash == SPEC.hash

@@ -5,7 +5,8 @@ import numpy as np
 from hil.wire.messages import ClockMode, LoopMode, NackReason
 from hil.wire.spec import SPEC
 
-_BY_ID = {register.id: register for register in SPEC.registers.values()}
+_BY_ID = {register.id: register for register in SPEC.registers.values() if not register.optional}
+_LOOP_MODES = (LoopMode.FORCE, LoopMode.GAIN)
 
 
 class Refused(Exception):
@@ -50,6 +51,8 @@ class Registers:
         if not (settled or register.live):
             raise Refused(NackReason.BAD_STATE)
         if register.name == "CLOCK_MODE" and int(value) not in self._clocks:
+            raise Refused(NackReason.NOT_SUPPORTED)
+        if register.name == "LOOP_MODE" and int(value) not in _LOOP_MODES:
             raise Refused(NackReason.NOT_SUPPORTED)
         self._values[number] = value if register.real else int(value)
         self._unpack()

@@ -15,7 +15,8 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.nees import nees
 from hil.records.estimates import Estimates
-from hil.records.result import Result, Score, save_result
+from hil.records.on_board import on_board
+from hil.records.result import OnBoard, Result, Score, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.summary import SD_95, parameters, reporting_mass_kg, summarise
 from hil.records.table import Table
@@ -82,12 +83,29 @@ def score(run: Path, truth_file: Path) -> Result:
             "rate_error_rms_rad_s": found.rate.rms,
             "parameters": parameters(folder.estimates, mass_kg=mass_kg, truth=truth, effects=effects),
             "score": figures,
+            "board": _scored_board(folder, truth),
             "remarks": (*kept, *remarks),
         }
     )
     result = judge_again(folder, result)
     save_result(folder.result_path, result)
     return result
+
+
+def _scored_board(folder: RunFolder, truth: Truth) -> OnBoard | None:
+    """The board's own estimates beside the truth; what it gives no deviation for has no coverage."""
+    found, board = on_board(folder), folder.board_estimates
+    if found is None or board is None or (beside := compare(board, truth, folder.settle_s)) is None:
+        return found
+    figures = beside.figures()
+    told = {name: share for name, share in figures.coverage.items() if board.sd(name).any()}
+    return found.model_copy(
+        update={
+            "angle_error_rms_rad": beside.angle.rms,
+            "rate_error_rms_rad_s": beside.rate.rms,
+            "score": figures.model_copy(update={"coverage": told}),
+        }
+    )
 
 
 def truth_in(file: Path) -> Truth:

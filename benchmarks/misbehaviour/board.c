@@ -1,4 +1,4 @@
-/* A stranger's board: a gyro board that speaks the wire of wire.md (protocol 3), written from its pages alone,
+/* A stranger's board: a gyro board that speaks the wire of wire.md (protocol 4), written from its pages alone,
  * and that misbehaves on demand (--misbehave NAME).
  *
  *     cc -std=c11 -O2 -Wall -Wextra -Werror board.c -o board -lm
@@ -30,7 +30,7 @@
 #include "field_table.h"
 
 #define LINES ((unsigned)(sizeof FIELD_TABLE / sizeof *FIELD_TABLE))
-#define PROTOCOL 3u
+#define PROTOCOL 4u
 #define LATENCY 1
 #define MAX_PAYLOAD 8192
 #define MAX_FRAME 8236
@@ -39,7 +39,7 @@
 #define SENSE_SCALE (0.25 / 32768)
 #define CONVERTER 32767
 
-enum { T_SAFE = 1, T_ARM = 2, T_FORCE = 0x10, T_GAINS = 0x11, T_SENSE = 0x20, T_TIME = 0x30, T_STATUS = 0x31,
+enum { T_SAFE = 1, T_ARM = 2, T_FORCE = 0x10, T_GAINS = 0x11, T_BOARD = 0x12, T_SENSE = 0x20, T_TIME = 0x30, T_STATUS = 0x31,
        T_NACK = 0x32, T_BRIEF = 0x33, T_HELLO = 0x40, T_IDENTITY = 0x41, T_RREAD = 0x42, T_RWRITE = 0x43,
        T_RVALUE = 0x44, T_FREAD = 0x45, T_FVALUE = 0x46 };
 enum { BOOT, IDLE, ARMED, RUNNING, SAFE };
@@ -980,6 +980,7 @@ static void on_write(const uint8_t *d, uint16_t seq)
     if (!isfinite(v) || v < REG[i].lo || v > REG[i].hi || (!REG[i].real && v != floor(v))
         || (i == WATCHDOG_TICKS && v > 2 * RATE)) { nack(T_RWRITE, seq, N_RANGE); return; }
     if (!REG[i].live && st != IDLE && st != SAFE) { nack(T_RWRITE, seq, N_STATE); return; }
+    if (i == LOOP_MODE && v == 2) { nack(T_RWRITE, seq, N_SUPPORT); return; } /* it has no estimator */
     if (i == CLOCK_MODE && v == 2) { nack(T_RWRITE, seq, N_SUPPORT); return; }
     if (i == CLOCK_MODE && v == 1 && !lockstep()) tick0_ns += 0;
     else if (i == CLOCK_MODE && v == 1)           /* from lockstep to wall time: ticks go on from now */
@@ -1085,7 +1086,7 @@ static void on_message(int type, uint16_t seq, const uint8_t *d, size_t n)
         rep_run = 0;
     } else if (!in_sequence(seq))
         return;
-    static const struct { int type, len; } lens[] = { { T_ARM, 0 }, { T_FORCE, 12 }, { T_GAINS, 45 }, { T_TIME, 16 },
+    static const struct { int type, len; } lens[] = { { T_ARM, 0 }, { T_FORCE, 12 }, { T_GAINS, 45 }, { T_BOARD, 1 }, { T_TIME, 16 },
         { T_HELLO, 6 }, { T_RREAD, 2 }, { T_RWRITE, 10 }, { T_FREAD, 2 } };
     switch (type) {
     case T_SENSE: case T_STATUS: case T_NACK: case T_BRIEF: case T_IDENTITY: case T_RVALUE: case T_FVALUE:
@@ -1096,6 +1097,7 @@ static void on_message(int type, uint16_t seq, const uint8_t *d, size_t n)
     for (unsigned i = 0; i < sizeof lens / sizeof *lens; i++)
         if (lens[i].type == type)
             len = lens[i].len;
+    if (type >= 0x50 && type <= 0x6f) { bad_frames++; return; } /* optional: passed over */
     if (len < 0) { bad_frames++; nack(type, seq, N_TYPE); return; }
     if ((size_t)len != n) { bad_frames++; nack(type, seq, N_LENGTH); return; }
     switch (type) {
@@ -1103,6 +1105,7 @@ static void on_message(int type, uint16_t seq, const uint8_t *d, size_t n)
     case T_ARM: on_arm(seq); break;
     case T_FORCE: on_force(d, seq); break;
     case T_GAINS: on_gains(d, seq); break;
+    case T_BOARD: nack(T_BOARD, seq, N_STATE); break;
     case T_TIME: on_time(d); break;
     case T_RWRITE: on_write(d, seq); break;
     case T_FREAD: on_field(d, seq); break;

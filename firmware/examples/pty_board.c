@@ -1,11 +1,13 @@
 /* A board on a pty or a CAN interface: the library around a resonator, on wall time or in lockstep.
  *
  *     pty_board [--link pty | can:vcan0 | can:vcan0?node=2] [--rate RAD_S] [--latency TICKS] [--fast] [--seed N]
- *               [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime]
+ *               [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime] [--estimator] [--wrong START_S:RATE]
  *
  * Prints one line, `ready serial:/dev/pts/N` or `ready can:vcan0`, then serves until it is killed or, in lockstep
  * on a pty, the host hangs up. --fast: 5 kHz sampled at 100 kS/s, for gain mode, instead of 200 Hz at 4 kS/s.
  * --sample-rate: ticks per second in place of these, for a host that is slow.
+ * --estimator: the board has the estimator of gyro_estimator.h, for board mode. --wrong: from that second on its rate reads
+ * so, `nan` for instance.
  * --fault: a protection of the board's own trips, so many seconds after the first tick, for so long.
  */
 #define _GNU_SOURCE /* ppoll, prctl */
@@ -20,6 +22,7 @@
 #include <time.h>
 
 #include "can_socket.h"
+#include "estimating.h"
 #include "hil_board.h"
 #include "hil_can.h"
 #include "hil_serial.h"
@@ -41,8 +44,10 @@ typedef struct options {
     unsigned node;
     unsigned latency;
     unsigned seed;
-    double fault_s[2]; /* start and end of a fault, on the board's clock */
+    double fault_s[2]; /* start and length of a fault, on the board's clock */
     bool realtime;
+    bool estimator;
+    double wrong[2]; /* from which second on, and what the rate reads then */
 } options;
 
 typedef struct station {
@@ -54,6 +59,7 @@ typedef struct station {
     can_socket bus;
     resonator_device device;
     resonator mass;
+    estimating own;
     double tick_ns;
     double fault_ticks[2];
     bool faulty;
@@ -203,11 +209,21 @@ static bool set_up(station *s, const options *o) {
     config.now_ns = board_time_ns;
     s->tick_ns = NS_PER_S / device->sample_rate_Hz;
     for (unsigned k = 0; k < 2u; k++)
-        s->fault_ticks[k] = o->fault_s[k] * device->sample_rate_Hz;
+        s->fault_ticks[k] = (o->fault_s[0] + (k == 1u ? o->fault_s[1] : 0.0)) * device->sample_rate_Hz;
     s->running = false;
     resonator_init(&s->mass, device, o->seed);
     hil_serial_init(&s->serial, pty_free, pty_write, &s->line);
     hil_can_init(&s->can, (uint8_t)o->node, can_free, can_put, &s->bus);
+    if (o->estimator) {
+        if (!estimating_init(&s->own, config.identity.sense_scale_V, config.identity.drive_scale_mps2)) {
+            errno = ENOTSUP;
+            return false;
+        }
+        if (o->wrong[0] > 0.0)
+            s->own.wrong_from = o->wrong[0] * device->sample_rate_Hz;
+        s->own.wrong_rate_rad_s = o->wrong[1];
+        config.estimator = &s->own.face;
+    }
     config.link = s->on_can ? &s->can.link : &s->serial.link;
     if (!hil_board_init(&s->board, &config)) {
         errno = EINVAL;
@@ -234,14 +250,14 @@ static bool parse_link(options *o, char *link) {
     return end != query + 5 && *end == '\0' && o->node < HIL_CAN_NODES;
 }
 
-/* START_S:DURATION_S; the end of what was read. */
-static char *parse_fault(options *o, const char *value) {
+/* Two numbers with a colon between them; the end of what was read. */
+static char *parse_pair(double pair[2], const char *value) {
     char *end;
-    o->fault_s[0] = strtod(value, &end);
+    pair[0] = strtod(value, &end);
     if (end == value || *end != ':')
         return NULL;
     value = end + 1;
-    o->fault_s[1] = o->fault_s[0] + strtod(value, &end);
+    pair[1] = strtod(value, &end);
     return end == value ? NULL : end;
 }
 
@@ -252,6 +268,10 @@ static bool parse(options *o, int argc, char **argv) {
             o->realtime = true;
             continue;
         }
+        if (!strcmp(argv[k], "--estimator")) {
+            o->estimator = true;
+            continue;
+        }
         if (!strcmp(argv[k], "--fast")) {
             o->device = &resonator_fast;
             continue;
@@ -259,7 +279,9 @@ static bool parse(options *o, int argc, char **argv) {
         if (!strcmp(argv[k], "--link") && parse_link(o, value))
             end = value + strlen(value);
         else if (!strcmp(argv[k], "--fault"))
-            end = parse_fault(o, value);
+            end = parse_pair(o->fault_s, value);
+        else if (!strcmp(argv[k], "--wrong"))
+            end = parse_pair(o->wrong, value);
         else if (!strcmp(argv[k], "--rate"))
             o->rate_rad_s = strtod(value, &end);
         else if (!strcmp(argv[k], "--sample-rate"))
@@ -280,7 +302,8 @@ int main(int argc, char **argv) {
     options o = {.device = &resonator_slow, .rate_rad_s = 1.0, .latency = 1, .seed = 1};
     if (!parse(&o, argc, argv)) {
         fprintf(stderr, "pty_board: expected [--link pty|can:IFACE[?node=N]] [--rate RAD_S] [--latency TICKS] "
-                        "[--fast] [--seed N] [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime]\n");
+                        "[--fast] [--seed N] [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime] "
+                        "[--estimator] [--wrong START_S:RATE]\n");
         return 2;
     }
     if (!set_up(&s, &o)) {

@@ -1,9 +1,9 @@
 /* A board on UDP that hears only who holds its key: the library around a resonator, on wall time or in lockstep.
  *
- *     udp_board GROUP:PORT KEYFILE [INTERFACE]
+ *     udp_board GROUP:PORT KEYFILE [INTERFACE [--estimator]]
  *
  * Prints one line, `ready udp:GROUP:PORT?interface=INTERFACE&key=KEYFILE`, then serves until it is killed. INTERFACE is
- * the address of a network interface, 127.0.0.1 unless given. KEYFILE is what `hil key` makes; firmware without a file
+ * the address of a network interface, 127.0.0.1 unless given. --estimator: as of pty_board. KEYFILE is what `hil key` makes; firmware without a file
  * system has the 32 bytes in its flash.
  */
 #define _DEFAULT_SOURCE /* struct ip_mreq, getrandom */
@@ -22,6 +22,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "estimating.h"
 #include "hil_board.h"
 #include "hil_keyed.h"
 #include "resonator.h"
@@ -35,6 +36,7 @@ typedef struct station {
     hil_board board;
     hil_keyed keyed;
     resonator mass;
+    estimating own;
     int wire;
     bool running; /* on wall time, ticks have begun */
     int64_t origin_ns;
@@ -170,7 +172,7 @@ static const resonator_device slow = {
     .drive_full_scale_mps2 = 10.0,
 };
 
-static bool set_up(station *s, const char *key_file) {
+static bool set_up(station *s, const char *key_file, bool estimator) {
     static uint8_t blocks[HIL_BLOCKS_SIZE(ROWS, WIDTH)];
     static uint8_t datagram[HIL_KEYED_ROOM(HIL_SENSE_SIZE + ROWS * HIL_SENSE_COLUMNS * WIDTH)];
     hil_config config;
@@ -199,6 +201,8 @@ static bool set_up(station *s, const char *key_file) {
     config.blocks_size = sizeof blocks;
     config.now_ns = board_time_ns;
     resonator_init(&s->mass, &slow, 1);
+    if (estimator && estimating_init(&s->own, config.identity.sense_scale_V, config.identity.drive_scale_mps2))
+        config.estimator = &s->own.face;
     errno = EINVAL;
     return hil_keyed_init(&s->keyed, &keyed) && hil_board_init(&s->board, &config);
 }
@@ -208,12 +212,12 @@ int main(int argc, char **argv) {
     char *colon = argc > 2 ? strchr(argv[1], ':') : NULL;
     const char *interface = argc > 3 ? argv[3] : "127.0.0.1";
     if (colon == NULL) {
-        fprintf(stderr, "udp_board: expected GROUP:PORT KEYFILE [INTERFACE]\n");
+        fprintf(stderr, "udp_board: expected GROUP:PORT KEYFILE [INTERFACE [--estimator]]\n");
         return 2;
     }
     *colon = '\0';
     unsigned port = (unsigned)strtoul(colon + 1, NULL, 10);
-    if (!set_up(&s, argv[2]) || !join(&s, argv[1], port, interface)) {
+    if (!set_up(&s, argv[2], argc > 4 && !strcmp(argv[4], "--estimator")) || !join(&s, argv[1], port, interface)) {
         fprintf(stderr, "udp_board: cannot start: %s\n", strerror(errno));
         return 2;
     }

@@ -48,23 +48,32 @@ bool hil_board_lockstep(const hil_board *board) {
     return board->lockstep;
 }
 
+/* Whether the drive is computed here, not sent by the host. */
+static bool self_driven(const hil_board *b) {
+    return b->gain_mode || b->board_mode;
+}
+
 bool hil_board_may_go_on(const hil_board *board) {
     return board->lockstep && board->granted > 0u;
 }
 
 /* ------------------------------------------------------------------------------------------------- start */
 
-/* Unasked STATUS comes at multiples of its period: one division here instead of one at every tick. */
+/* Unasked STATUS comes at multiples of its period, ESTIMATE one tick before: one division here instead of one at every
+ * tick. */
 static void count_down(hil_board *b) {
     if (b->status_every > 0u)
         b->status_left = b->status_every - (uint32_t)((uint64_t)(b->tick + 1) % b->status_every) + 1u;
     if (b->status_left > b->status_every)
         b->status_left -= b->status_every;
+    if (b->estimate_every > 0u)
+        b->estimate_left = b->estimate_every - (uint32_t)((uint64_t)(b->tick + 1) % b->estimate_every);
 }
 
 static void registers_changed(hil_board *b) {
     b->lockstep = hil_registers_whole(&b->registers, HIL_REGISTER_CLOCK_MODE) == HIL_CLOCK_MODE_LOCKSTEP;
     b->gain_mode = hil_registers_whole(&b->registers, HIL_REGISTER_LOOP_MODE) == HIL_LOOP_MODE_GAIN;
+    b->board_mode = hil_registers_whole(&b->registers, HIL_REGISTER_LOOP_MODE) == HIL_LOOP_MODE_BOARD;
     b->block_rows = hil_registers_whole(&b->registers, HIL_REGISTER_BLOCK);
     b->watchdog = hil_registers_whole(&b->registers, HIL_REGISTER_WATCHDOG_TICKS);
     b->drive_limit = hil_registers_whole(&b->registers, HIL_REGISTER_DRIVE_LIMIT);
@@ -72,6 +81,7 @@ static void registers_changed(hil_board *b) {
         b->drive_limit = (uint32_t)b->drive_max;
     hil_gain_obey(&b->gain, &b->registers, b->drive_limit);
     b->status_every = hil_registers_whole(&b->registers, HIL_REGISTER_STATUS_EVERY);
+    b->estimate_every = hil_registers_whole(&b->registers, HIL_REGISTER_ESTIMATE_EVERY);
     count_down(b);
 }
 
@@ -88,6 +98,10 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
         identity->capabilities |= HIL_CAPABILITIES_LOCKSTEP;
     if (config->clocks & 1u << HIL_CLOCK_MODE_PACED)
         identity->capabilities |= HIL_CAPABILITIES_PACED;
+    if (config->estimator != NULL)
+        identity->capabilities |= HIL_CAPABILITIES_BOARD_MODE;
+    if (config->estimator != NULL && config->estimator->read != NULL)
+        identity->capabilities |= HIL_CAPABILITIES_ESTIMATE;
 
     board->width = identity->sense_bits > 16u || identity->drive_bits > 16u ? 3u : 2u;
     if (identity->sense_bits < 2u || identity->sense_bits > 24u || identity->drive_bits < 2u ||
@@ -176,6 +190,7 @@ static void forget_drives(hil_board *b) {
     memset(b->computed, 0, sizeof b->computed);
     memset(&b->held, 0, sizeof b->held);
     b->interval_flags = 0u;
+    b->driving = false;
 }
 
 static void put_now(hil_board *b) {
@@ -279,10 +294,29 @@ static void limit_drives(hil_board *b) {
     put_now(b);
 }
 
+/* The drive codes that the board's own estimator makes of the codes just sampled; true if they had to be limited. */
+static bool step_estimator(hil_board *b, int32_t vx, int32_t vy, int32_t codes[2]) {
+    const hil_estimator *estimator = b->config.estimator;
+    int32_t limit = (int32_t)b->drive_limit;
+    hil_drive drive = estimator->step(estimator->context, b->tick, vx, vy, b->held.codes, b->driving);
+    codes[0] = b->driving ? within(drive.ux, limit) : 0;
+    codes[1] = b->driving ? within(drive.uy, limit) : 0;
+    if (estimator->read != NULL && b->estimate_every > 0u && --b->estimate_left == 0u) {
+        b->estimate_left = b->estimate_every;
+        memset(&b->estimate, 0, sizeof b->estimate);
+        estimator->read(estimator->context, &b->estimate);
+        b->estimate.tick = (uint32_t)b->tick;
+        if (b->driving)
+            b->estimate.flags = (uint16_t)(b->estimate.flags | HIL_ESTIMATE_FLAGS_DRIVING);
+        b->estimate_due = true;
+    }
+    return b->driving && (codes[0] != drive.ux || codes[1] != drive.uy);
+}
+
 /* The drive that the codes just sampled lead to; true if it had to be limited. */
 static bool close_loop(hil_board *b, int32_t vx, int32_t vy) {
     int32_t codes[2];
-    bool limited = hil_gain_step(&b->gain, b->tick, vx, vy, codes);
+    bool limited = b->board_mode ? step_estimator(b, vx, vy, codes) : hil_gain_step(&b->gain, b->tick, vx, vy, codes);
     if (limited)
         hil_count(&b->saturated, 1u);
     hil_drive *drive = &b->computed[(uint64_t)(b->tick + (int64_t)b->config.identity.latency_ticks) % HIL_LATENCY];
@@ -314,7 +348,7 @@ void hil_board_sample(hil_board *board, int32_t vx, int32_t vy, bool clipped) {
     uint8_t flags = board->interval_flags;
     if (clipped)
         flags |= HIL_SENSE_FLAGS_CLIPPED;
-    if (board->gain_mode ? close_loop(board, vx, vy) : board->held.limited)
+    if (self_driven(board) ? close_loop(board, vx, vy) : board->held.limited)
         flags |= HIL_SENSE_FLAGS_SATURATED;
     board->interval_flags = 0u;
     add_row(board, vx, vy, flags);
@@ -325,14 +359,14 @@ void hil_board_sample(hil_board *board, int32_t vx, int32_t vy, bool clipped) {
 }
 
 hil_drive hil_board_drive(hil_board *board) {
-    bool came = !board->gain_mode && take_command(board);
-    if (board->gain_mode && hil_board_streaming(board))
+    bool came = !self_driven(board) && take_command(board);
+    if (self_driven(board) && hil_board_streaming(board))
         board->held.codes = board->computed[(uint64_t)board->tick % HIL_LATENCY];
     if (running(board)) {
         if (board->tick - board->fed >= (int64_t)board->watchdog) {
             hil_count(&board->trips, 1u);
             happen_here(board, HIL_EVENT_WATCHDOG);
-        } else if (!board->gain_mode && board->tick == board->due) {
+        } else if (!self_driven(board) && board->tick == board->due) {
             board->due += (int64_t)board->block_rows;
             if (!came) {
                 hil_count(&board->held_ticks, 1u);
@@ -385,7 +419,7 @@ static uint8_t arm(hil_board *b, reply *said) {
     if (at(b, event)->refusal != 0u)
         return at(b, event)->refusal;
     if (!hil_board_streaming(b)) { /* or else the answer to the first one was lost on the way */
-        if (b->config.identity.latency_ticks == 0u && !b->lockstep && !b->gain_mode)
+        if (b->config.identity.latency_ticks == 0u && !b->lockstep && !self_driven(b))
             return HIL_NACK_REASON_NOT_SUPPORTED;
         if (b->gain_mode && !hil_gain_stable(&b->registers))
             return HIL_NACK_REASON_OUT_OF_RANGE;
@@ -396,6 +430,9 @@ static uint8_t arm(hil_board *b, reply *said) {
         hil_gain_start(&b->gain, &b->registers);
         hil_gain_obey(&b->gain, &b->registers, b->drive_limit);
         forget_drives(b);
+        b->estimate_due = false;
+        if (b->board_mode && b->config.estimator->start != NULL)
+            b->config.estimator->start(b->config.estimator->context);
         grant(b);
     }
     say_status(b, said);
@@ -422,7 +459,7 @@ static void feed(hil_board *b, reply *said) {
 }
 
 static uint8_t drive_force(hil_board *b, const hil_drive_force *message, reply *said) {
-    if (b->gain_mode)
+    if (self_driven(b))
         return at(b, HIL_EVENT_DRIVE_OTHER)->refusal;
     if (at(b, HIL_EVENT_DRIVE)->refusal != 0u)
         return at(b, HIL_EVENT_DRIVE)->refusal;
@@ -466,13 +503,35 @@ static uint8_t drive_gains(hil_board *b, const hil_drive_gains *message, reply *
     return 0;
 }
 
+static uint8_t drive_board(hil_board *b, const hil_drive_board *message, reply *said) {
+    if (!b->board_mode)
+        return at(b, HIL_EVENT_DRIVE_OTHER)->refusal;
+    if (at(b, HIL_EVENT_DRIVE)->refusal != 0u)
+        return at(b, HIL_EVENT_DRIVE)->refusal;
+    if (message->drive > 1u)
+        return HIL_NACK_REASON_OUT_OF_RANGE;
+    b->driving = message->drive == 1u;
+    feed(b, said);
+    return 0;
+}
+
+/* The register's place; HIL_REGISTERS for none, and for one of an optional part that this board lacks. */
+static unsigned place_of(const hil_board *b, uint16_t id) {
+    unsigned place = hil_registers_find(id);
+    if (place < HIL_REGISTERS && (hil_registers[place].optional & ~b->config.identity.capabilities) != 0u)
+        return HIL_REGISTERS;
+    return place;
+}
+
 static uint8_t register_write(hil_board *b, const hil_register_write *message, reply *said) {
-    unsigned place = hil_registers_find(message->register_);
+    unsigned place = place_of(b, message->register_);
     bool settled = at(b, HIL_EVENT_WRITE)->refusal == 0u;
     uint8_t reason = hil_registers_refuse(&b->registers, place, message->value, settled);
     if (reason != 0u)
         return reason;
     if (place == HIL_REGISTER_CLOCK_MODE && !(b->config.clocks & 1u << (unsigned)message->value))
+        return HIL_NACK_REASON_NOT_SUPPORTED;
+    if (place == HIL_REGISTER_LOOP_MODE && message->value > HIL_LOOP_MODE_GAIN && b->config.estimator == NULL)
         return HIL_NACK_REASON_NOT_SUPPORTED;
     if (place == HIL_REGISTER_BLOCK && message->value > (double)b->room_rows)
         return HIL_NACK_REASON_NOT_SUPPORTED;
@@ -485,7 +544,7 @@ static uint8_t register_write(hil_board *b, const hil_register_write *message, r
 }
 
 static uint8_t register_read(hil_board *b, const hil_register_read *message, reply *said) {
-    unsigned place = hil_registers_find(message->register_);
+    unsigned place = place_of(b, message->register_);
     if (place >= HIL_REGISTERS)
         return HIL_NACK_REASON_UNKNOWN_REGISTER;
     say_register(b, place, said);
@@ -542,6 +601,7 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
         hil_hello hello;
         hil_drive_force drive_force;
         hil_drive_gains drive_gains;
+        hil_drive_board drive_board;
         hil_register_read register_read;
         hil_register_write register_write;
         hil_field_read field_read;
@@ -562,6 +622,10 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
     case HIL_TYPE_DRIVE_GAINS:
         return hil_unpack_drive_gains(&message.drive_gains, payload, size)
                    ? drive_gains(b, &message.drive_gains, said)
+                   : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_DRIVE_BOARD:
+        return hil_unpack_drive_board(&message.drive_board, payload, size)
+                   ? drive_board(b, &message.drive_board, said)
                    : HIL_NACK_REASON_BAD_LENGTH;
     case HIL_TYPE_REGISTER_READ:
         return hil_unpack_register_read(&message.register_read, payload, size)
@@ -616,7 +680,8 @@ void hil_board_frame(hil_board *board, const hil_frame *frame) {
         uint8_t reason = answer(board, frame, &said);
         if (reason == HIL_NACK_REASON_BAD_LENGTH || reason == HIL_NACK_REASON_UNKNOWN_TYPE)
             hil_count(&board->undecodable, 1u);
-        if (reason != 0u) {
+        bool optional = frame->type >= HIL_OPTIONAL_FIRST && frame->type <= HIL_OPTIONAL_LAST;
+        if (reason != 0u && !optional) { /* optional ones that it does not take are counted and passed over */
             hil_nack nack = {frame->type, frame->seq, reason};
             said.type = HIL_TYPE_NACK;
             said.size = hil_pack_nack(&nack, said.payload);
@@ -634,6 +699,10 @@ void hil_board_poll(hil_board *board) {
     bool full = block->full;
     bool status_due = board->status_due;
     board->status_due = false;
+    bool estimate_due = board->estimate_due;
+    hil_estimate estimate = board->estimate;
+    board->estimate_due = false;
+    uint32_t tick = tick_now(board);
     lock(board, false);
     if (full) {
         hil_link *link = board->config.link;
@@ -654,8 +723,13 @@ void hil_board_poll(hil_board *board) {
         reply said;
         lock(board, true);
         say_status(board, &said);
-        uint32_t tick = tick_now(board);
+        tick = tick_now(board);
         lock(board, false);
         (void)send(board, said.type, tick, said.payload, said.size, 1u);
+    }
+    if (estimate_due) {
+        uint8_t payload[HIL_ESTIMATE_SIZE];
+        size_t size = hil_pack_estimate(&estimate, payload);
+        (void)send(board, HIL_TYPE_ESTIMATE, tick, payload, size, 1u);
     }
 }

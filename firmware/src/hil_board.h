@@ -37,6 +37,18 @@ typedef struct hil_drive {
     int32_t uy;
 } hil_drive;
 
+/* The board's own estimator, which closes the loop in board mode. It is called from hil_board_sample and at ARM, under
+ * `lock`. */
+typedef struct hil_estimator {
+    void (*start)(void *context); /* at ARM: begin anew */
+    /* Tick m: the codes just sampled and the drive held over the interval that ends at m. Returns the drive for the
+     * interval that begins at m + latency; `drive`: whether it will be applied, or zero in its place. */
+    hil_drive (*step)(void *context, int64_t tick, int32_t vx, int32_t vy, hil_drive held, bool drive);
+    /* What the last step estimated: `estimated`, the numbers, and HIL_ESTIMATE_FLAGS_VALID. NULL: not said. */
+    void (*read)(void *context, hil_estimate *estimate);
+    void *context;
+} hil_estimator;
+
 typedef struct hil_config {
     hil_identity identity; /* protocol, spec_hash and capabilities are filled in */
     unsigned clocks;       /* 1u << HIL_CLOCK_MODE_... of all that the board can keep; the highest is in force at first */
@@ -49,6 +61,7 @@ typedef struct hil_config {
      * loop under `lock`, or from hil_board_drive. NULL: they are put out at the next tick. */
     void (*put_now)(void *context, hil_drive codes);
     void *context;
+    const hil_estimator *estimator; /* NULL: none, and no board mode */
 } hil_config;
 
 /* A drive that waits for its tick, or is held. */
@@ -80,21 +93,27 @@ typedef struct hil_board {
     /* Registers of the inner loop, as whole numbers. */
     bool lockstep;
     bool gain_mode;
+    bool board_mode;
     uint32_t block_rows;
     uint32_t watchdog;
     uint32_t drive_limit;
     uint32_t status_every;
+    uint32_t estimate_every;
     /* Timing. */
     hil_command waiting[HIL_WAITING];
     hil_command held;
     hil_gain gain;
-    hil_drive computed[HIL_LATENCY]; /* gain mode: drives by the tick from which they are held, modulo its length */
+    bool driving; /* board mode: what the estimator computes is applied */
+    hil_drive computed[HIL_LATENCY]; /* gain and board mode: drives by the tick from which they are held, modulo its length */
     uint8_t interval_flags; /* of the row at which the present interval ends */
     int64_t due;            /* next tick that needs a drive, while RUNNING */
     int64_t fed;            /* tick at which the watchdog was last fed */
     uint32_t granted;       /* lockstep: ticks to go before the host is waited for again */
     uint32_t status_left;   /* ticks to the next unasked STATUS */
     bool status_due;
+    uint32_t estimate_left; /* ticks to the next ESTIMATE */
+    bool estimate_due;
+    hil_estimate estimate;
     /* Blocks. */
     hil_block block[2];
     unsigned filling;
@@ -134,7 +153,7 @@ void hil_board_sample(hil_board *board, int32_t vx, int32_t vy, bool clipped);
 /* Tick m, right after the sample: the drive codes from now until the next tick. */
 hil_drive hil_board_drive(hil_board *board);
 
-/* Send what is ready: a full block, a due STATUS. */
+/* Send what is ready: a full block, a due STATUS, a due ESTIMATE. */
 void hil_board_poll(hil_board *board);
 
 /* Zero force and SAFE, for reasons of the board's own: HIL_SAFE_REASON_LINK_LOST when the host has hung up (of a board

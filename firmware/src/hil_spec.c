@@ -146,6 +146,20 @@ bool hil_unpack_drive_gains(hil_drive_gains *message, const uint8_t *payload, si
     return true;
 }
 
+size_t hil_pack_drive_board(const hil_drive_board *message, uint8_t *payload) {
+    uint8_t *at = payload;
+    put_u8(&at, message->drive);
+    return (size_t)(at - payload);
+}
+
+bool hil_unpack_drive_board(hil_drive_board *message, const uint8_t *payload, size_t size) {
+    const uint8_t *at = payload;
+    if (size != 1u)
+        return false;
+    get_u8(&at, &message->drive);
+    return true;
+}
+
 size_t hil_pack_sense(const hil_sense *message, uint8_t *payload) {
     uint8_t *at = payload;
     put_u16(&at, message->n);
@@ -364,6 +378,80 @@ bool hil_unpack_field_value(hil_field_value *message, const uint8_t *payload, si
     return true;
 }
 
+size_t hil_pack_estimate(const hil_estimate *message, uint8_t *payload) {
+    uint8_t *at = payload;
+    put_u32(&at, message->tick);
+    put_u16(&at, message->estimated);
+    put_u16(&at, message->flags);
+    put_f64(&at, message->x);
+    put_f64(&at, message->vx);
+    put_f64(&at, message->y);
+    put_f64(&at, message->vy);
+    put_f64(&at, message->phi_x);
+    put_f64(&at, message->phi_y);
+    put_f64(&at, message->rate);
+    put_f64(&at, message->kxx);
+    put_f64(&at, message->kyy);
+    put_f64(&at, message->kxy);
+    put_f64(&at, message->dxx);
+    put_f64(&at, message->dyy);
+    put_f64(&at, message->dxy);
+    put_f64(&at, message->angle);
+    put_f32(&at, message->sd_x);
+    put_f32(&at, message->sd_vx);
+    put_f32(&at, message->sd_y);
+    put_f32(&at, message->sd_vy);
+    put_f32(&at, message->sd_phi_x);
+    put_f32(&at, message->sd_phi_y);
+    put_f32(&at, message->sd_rate);
+    put_f32(&at, message->sd_kxx);
+    put_f32(&at, message->sd_kyy);
+    put_f32(&at, message->sd_kxy);
+    put_f32(&at, message->sd_dxx);
+    put_f32(&at, message->sd_dyy);
+    put_f32(&at, message->sd_dxy);
+    put_f32(&at, message->sd_angle);
+    return (size_t)(at - payload);
+}
+
+bool hil_unpack_estimate(hil_estimate *message, const uint8_t *payload, size_t size) {
+    const uint8_t *at = payload;
+    if (size != 176u)
+        return false;
+    get_u32(&at, &message->tick);
+    get_u16(&at, &message->estimated);
+    get_u16(&at, &message->flags);
+    get_f64(&at, &message->x);
+    get_f64(&at, &message->vx);
+    get_f64(&at, &message->y);
+    get_f64(&at, &message->vy);
+    get_f64(&at, &message->phi_x);
+    get_f64(&at, &message->phi_y);
+    get_f64(&at, &message->rate);
+    get_f64(&at, &message->kxx);
+    get_f64(&at, &message->kyy);
+    get_f64(&at, &message->kxy);
+    get_f64(&at, &message->dxx);
+    get_f64(&at, &message->dyy);
+    get_f64(&at, &message->dxy);
+    get_f64(&at, &message->angle);
+    get_f32(&at, &message->sd_x);
+    get_f32(&at, &message->sd_vx);
+    get_f32(&at, &message->sd_y);
+    get_f32(&at, &message->sd_vy);
+    get_f32(&at, &message->sd_phi_x);
+    get_f32(&at, &message->sd_phi_y);
+    get_f32(&at, &message->sd_rate);
+    get_f32(&at, &message->sd_kxx);
+    get_f32(&at, &message->sd_kyy);
+    get_f32(&at, &message->sd_kxy);
+    get_f32(&at, &message->sd_dxx);
+    get_f32(&at, &message->sd_dyy);
+    get_f32(&at, &message->sd_dxy);
+    get_f32(&at, &message->sd_angle);
+    return true;
+}
+
 size_t hil_pack_can_part(const hil_can_part *message, uint8_t *payload) {
     uint8_t *at = payload;
     put_u16(&at, message->seq);
@@ -467,24 +555,25 @@ bool hil_unpack_can_status_brief(hil_can_status_brief *message, const uint8_t *p
 const uint8_t hil_can_lengths[HIL_CAN_LENGTHS] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
 
 const hil_register hil_registers[HIL_REGISTERS] = {
-    {0x0001u, true, false, false, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What makes the board go on to the next tick. A board starts with a mode it can keep, whatever the default here, and refuses one it cannot (NOT_SUPPORTED). */
-    {0x0002u, true, false, false, 0.0, 0.0, 1.0},  /* LOOP_MODE: Which drive messages close the loop. */
-    {0x0003u, true, false, false, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE; in force mode one drive is due for each. At most what fills a payload at 3 bytes a code; what is more than the board has memory for is refused (NOT_SUPPORTED). */
-    {0x0004u, true, false, false, 80.0, 1.0, 2000000.0},  /* WATCHDOG_TICKS: Ticks without an accepted drive frame after which a RUNNING board goes to SAFE. At most 2 s of the board's ticks: a board refuses more (OUT_OF_RANGE), and starts with its ceiling where the default is above it. */
-    {0x0005u, true, true, false, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. Written lower it limits at once the drive that is held and those that wait; raised again it brings nothing back. */
-    {0x0006u, true, true, false, 0.0, 0.0, 16777215.0},  /* STATUS_EVERY: Ticks between two unasked STATUS messages while ARMED or RUNNING; 0: only at a change of state. */
-    {0x0007u, true, false, false, 0.0, 0.0, 4294967295.0},  /* SESSION: A number of the host's own; 0 after every start of the board, by which the host sees that it restarted. Nothing else changes it. */
-    {0x0010u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A11: A, row 1, column 1. ARM is refused in gain mode while the spectral radius of A is above 0.99. */
-    {0x0011u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A12: A, row 1, column 2. */
-    {0x0012u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A21: A, row 2, column 1. */
-    {0x0013u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_A22: A, row 2, column 2. */
-    {0x0014u, true, false, true, 1.0, -16.0, 16.0},  /* FILTER_B1: B, component 1: what V[m] adds to it. */
-    {0x0015u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_B2: B, component 2: what V[m] adds to it. */
-    {0x0016u, true, false, true, 0.0, -16.0, 16.0},  /* FILTER_C1: C, component 1: what V[m − D] adds to it. */
-    {0x0017u, true, false, true, 1.0, -16.0, 16.0},  /* FILTER_C2: C, component 2: what V[m − D] adds to it. */
-    {0x0018u, true, false, false, 1.0, 1.0, 63.0},  /* FILTER_DELAY: D. The defaults of all filter registers make the pair V[m], V[m − 1]. */
-    {0x0020u, true, true, false, 0.0, 0.0, 8388607.0},  /* DITHER_AMPLITUDE: Gain mode: what dither adds to, or takes from, each drive at every tick. */
-    {0x0021u, true, false, false, 1.0, 1.0, 4294967295.0},  /* DITHER_SEED: Where the dither's shift register starts at ARM. */
+    {0x0001u, true, false, false, 0u, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What makes the board go on to the next tick. A board starts with a mode it can keep, whatever the default here, and refuses one it cannot (NOT_SUPPORTED). */
+    {0x0002u, true, false, false, 0u, 0.0, 0.0, 2.0},  /* LOOP_MODE: Which drive messages close the loop. */
+    {0x0003u, true, false, false, 0u, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE; in force mode one drive is due for each. At most what fills a payload at 3 bytes a code; what is more than the board has memory for is refused (NOT_SUPPORTED). */
+    {0x0004u, true, false, false, 0u, 80.0, 1.0, 2000000.0},  /* WATCHDOG_TICKS: Ticks without an accepted drive frame after which a RUNNING board goes to SAFE. At most 2 s of the board's ticks: a board refuses more (OUT_OF_RANGE), and starts with its ceiling where the default is above it. */
+    {0x0005u, true, true, false, 0u, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. Written lower it limits at once the drive that is held and those that wait; raised again it brings nothing back. */
+    {0x0006u, true, true, false, 0u, 0.0, 0.0, 16777215.0},  /* STATUS_EVERY: Ticks between two unasked STATUS messages while ARMED or RUNNING; 0: only at a change of state. */
+    {0x0007u, true, false, false, 0u, 0.0, 0.0, 4294967295.0},  /* SESSION: A number of the host's own; 0 after every start of the board, by which the host sees that it restarted. Nothing else changes it. */
+    {0x0010u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A11: A, row 1, column 1. ARM is refused in gain mode while the spectral radius of A is above 0.99. */
+    {0x0011u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A12: A, row 1, column 2. */
+    {0x0012u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A21: A, row 2, column 1. */
+    {0x0013u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A22: A, row 2, column 2. */
+    {0x0014u, true, false, true, 0u, 1.0, -16.0, 16.0},  /* FILTER_B1: B, component 1: what V[m] adds to it. */
+    {0x0015u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_B2: B, component 2: what V[m] adds to it. */
+    {0x0016u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_C1: C, component 1: what V[m − D] adds to it. */
+    {0x0017u, true, false, true, 0u, 1.0, -16.0, 16.0},  /* FILTER_C2: C, component 2: what V[m − D] adds to it. */
+    {0x0018u, true, false, false, 0u, 1.0, 1.0, 63.0},  /* FILTER_DELAY: D. The defaults of all filter registers make the pair V[m], V[m − 1]. */
+    {0x0020u, true, true, false, 0u, 0.0, 0.0, 8388607.0},  /* DITHER_AMPLITUDE: Gain mode: what dither adds to, or takes from, each drive at every tick. */
+    {0x0021u, true, false, false, 0u, 1.0, 1.0, 4294967295.0},  /* DITHER_SEED: Where the dither's shift register starts at ARM. */
+    {0x0030u, true, true, false, HIL_CAPABILITIES_ESTIMATE, 0.0, 0.0, 16777215.0},  /* ESTIMATE_EVERY: Ticks between two ESTIMATE messages; 0: none. */
 };
 
 const uint8_t hil_situation_state[HIL_SITUATIONS] = {
@@ -654,6 +743,8 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "DRIVE_GAINS\tgain\tf32[8]\t1",
     "DRIVE_GAINS\tbias\tf32[2]\tIDENTITY.drive_scale_mps2 per code",
     "DRIVE_GAINS\teffective_tick\tu32\ttick",
+    "DRIVE_BOARD\t\t0x12\thost",
+    "DRIVE_BOARD\tdrive\tu8\t1",
     "SENSE\t\t0x20\tboard",
     "SENSE\tn\tu16\t1",
     "SENSE\twidth\tu8\tbyte",
@@ -736,7 +827,7 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "CAN STATUS_BRIEF\twatchdog_trips\tu8\t1",
     "CAN STATUS_BRIEF\ttick\tu32\ttick",
     "register\tCLOCK_MODE\t0x0001 rw\t0..2 ClockMode, default 1",
-    "register\tLOOP_MODE\t0x0002 rw\t0..1 LoopMode, default 0",
+    "register\tLOOP_MODE\t0x0002 rw\t0..2 LoopMode, default 0",
     "register\tBLOCK\t0x0003 rw\t1..682 1, default 1",
     "register\tWATCHDOG_TICKS\t0x0004 rw\t1..2000000 tick, default 80",
     "register\tDRIVE_LIMIT\t0x0005 rw live\t0..8388607 code, default 8388607",
@@ -753,6 +844,7 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "register\tFILTER_DELAY\t0x0018 rw\t1..63 tick, default 1",
     "register\tDITHER_AMPLITUDE\t0x0020 rw live\t0..8388607 code, default 0",
     "register\tDITHER_SEED\t0x0021 rw\t1..4294967295 1, default 1",
+    "limit\toptional_types\t0x50..0x6f\t1",
     "limit\tfilter_radius\t0.99\t1",
     "limit\tgains_limit\t1.152921504606847e+18\t1",
     "limit\twatchdog_s\t2.0\ts",
@@ -781,6 +873,7 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "ClockMode\tREAL\t2\t",
     "LoopMode\tFORCE\t0\t",
     "LoopMode\tGAIN\t1\t",
+    "LoopMode\tBOARD\t2\t",
     "SenseFlags\tHELD\t1\t",
     "SenseFlags\tCLIPPED\t2\t",
     "SenseFlags\tSATURATED\t4\t",
@@ -788,4 +881,5 @@ const char *const hil_field_table[HIL_FIELD_LINES] = {
     "Capabilities\tGAIN_MODE\t2\t",
     "Capabilities\tLOCKSTEP\t4\t",
     "Capabilities\tPACED\t8\t",
+    "Capabilities\tBOARD_MODE\t16\t",
 };

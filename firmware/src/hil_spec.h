@@ -6,13 +6,16 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define HIL_PROTOCOL 3u
-#define HIL_SPEC_HASH 0x4e8b482du
+#define HIL_PROTOCOL 4u
+#define HIL_SPEC_HASH 0xadb65886u
 #define HIL_MAX_PAYLOAD 8192u
 /* Longest payload a host sends. */
 #define HIL_MAX_HOST_PAYLOAD 45u
-/* Longest payload a board sends beside SENSE. */
+/* Longest payload a board sends beside SENSE and what is optional. */
 #define HIL_MAX_ANSWER 72u
+/* First and last type of optional messages: passed over where they are not known. */
+#define HIL_OPTIONAL_FIRST 0x50u
+#define HIL_OPTIONAL_LAST 0x6fu
 
 /* Gain mode: largest spectral radius of A to be armed with, and largest magnitude of a number in DRIVE_GAINS. */
 #define HIL_FILTER_RADIUS 0.99
@@ -59,27 +62,57 @@ enum {
     HIL_CLOCK_MODE_REAL = 2,
 };
 
-/* FORCE takes DRIVE_FORCE, sample by sample; GAIN takes DRIVE_GAINS and computes the drive on the board. */
+/* FORCE takes DRIVE_FORCE, sample by sample; GAIN takes DRIVE_GAINS and computes the drive on the board; BOARD
+ * takes DRIVE_BOARD, and the board's own estimator computes the drive. */
 enum {
     HIL_LOOP_MODE_FORCE = 0,
     HIL_LOOP_MODE_GAIN = 1,
+    HIL_LOOP_MODE_BOARD = 2,
 };
 
 /* Bits of SENSE.flags. HELD, force mode: no drive had come for the interval that ends at the row, although one
  * was due, so the last one was held. CLIPPED: the sense converter was at its end at the row. SATURATED: force
- * mode: the drive in the row had to be limited; gain mode: the one computed at the row. */
+ * mode: the drive in the row had to be limited; gain and board mode: the one computed at the row. */
 enum {
     HIL_SENSE_FLAGS_HELD = 1,
     HIL_SENSE_FLAGS_CLIPPED = 2,
     HIL_SENSE_FLAGS_SATURATED = 4,
 };
 
-/* Bits of IDENTITY.capabilities. */
+/* Bits of IDENTITY.capabilities. Those that are not on this page are of optional messages that came later:
+ * they are passed over. */
 enum {
     HIL_CAPABILITIES_FORCE_MODE = 1,
     HIL_CAPABILITIES_GAIN_MODE = 2,
     HIL_CAPABILITIES_LOCKSTEP = 4,
     HIL_CAPABILITIES_PACED = 8,
+    HIL_CAPABILITIES_BOARD_MODE = 16,
+    HIL_CAPABILITIES_ESTIMATE = 32,
+};
+
+/* Bits of ESTIMATE.estimated, in the order of the fields. */
+enum {
+    HIL_ESTIMATED_ENTRIES_X = 1,
+    HIL_ESTIMATED_ENTRIES_VX = 2,
+    HIL_ESTIMATED_ENTRIES_Y = 4,
+    HIL_ESTIMATED_ENTRIES_VY = 8,
+    HIL_ESTIMATED_ENTRIES_PHI_X = 16,
+    HIL_ESTIMATED_ENTRIES_PHI_Y = 32,
+    HIL_ESTIMATED_ENTRIES_RATE = 64,
+    HIL_ESTIMATED_ENTRIES_KXX = 128,
+    HIL_ESTIMATED_ENTRIES_KYY = 256,
+    HIL_ESTIMATED_ENTRIES_KXY = 512,
+    HIL_ESTIMATED_ENTRIES_DXX = 1024,
+    HIL_ESTIMATED_ENTRIES_DYY = 2048,
+    HIL_ESTIMATED_ENTRIES_DXY = 4096,
+    HIL_ESTIMATED_ENTRIES_ANGLE = 8192,
+};
+
+/* Bits of ESTIMATE.flags. VALID: the angle means something, as the ellipse is slender and its energy held.
+ * DRIVING: the drive that the estimator computed at this tick is applied. */
+enum {
+    HIL_ESTIMATE_FLAGS_VALID = 1,
+    HIL_ESTIMATE_FLAGS_DRIVING = 2,
 };
 
 /* Message types. */
@@ -88,6 +121,7 @@ enum {
     HIL_TYPE_ARM = 0x02,
     HIL_TYPE_DRIVE_FORCE = 0x10,
     HIL_TYPE_DRIVE_GAINS = 0x11,
+    HIL_TYPE_DRIVE_BOARD = 0x12,
     HIL_TYPE_SENSE = 0x20,
     HIL_TYPE_TIME_SYNC = 0x30,
     HIL_TYPE_STATUS = 0x31,
@@ -99,6 +133,7 @@ enum {
     HIL_TYPE_REGISTER_VALUE = 0x44,
     HIL_TYPE_FIELD_READ = 0x45,
     HIL_TYPE_FIELD_VALUE = 0x46,
+    HIL_TYPE_ESTIMATE = 0x50,
 };
 
 /* Go to SAFE: zero force at once, in any state, whatever the frame's sequence number, tick and length.
@@ -152,6 +187,18 @@ typedef struct hil_drive_gains {
 size_t hil_pack_drive_gains(const hil_drive_gains *message, uint8_t *payload);
 bool hil_unpack_drive_gains(hil_drive_gains *message, const uint8_t *payload, size_t size);
 
+/* Board mode: permits the board to go on. What its own estimator computes at a row drives it from that row on,
+ * or not, as this frame says; it holds no longer than the watchdog. A number that is neither 0 nor 1 is
+ * refused (OUT_OF_RANGE). BAD_STATE in the other modes and where nothing streams. */
+#define HIL_DRIVE_BOARD_SIZE 1u
+typedef struct hil_drive_board {
+    /* 1: the drive that the board's estimator computes is applied; 0: the drive is zero, and the estimator is
+     * told so. */
+    uint8_t drive;
+} hil_drive_board;
+size_t hil_pack_drive_board(const hil_drive_board *message, uint8_t *payload);
+bool hil_unpack_drive_board(hil_drive_board *message, const uint8_t *payload, size_t size);
+
 /* A block of n samples; the header's tick is that of the first row. n is BLOCK, or less in the last block
  * before SAFE. Row m holds the codes sampled at tick m, and the drive codes, after quantisation and
  * saturation, held over the interval that ENDS at m. */
@@ -200,7 +247,7 @@ typedef struct hil_status {
     uint32_t bad_frames;
     /* Frames missing from the host's sequence. */
     uint32_t lost_seq;
-    /* Drives that had to be limited when they came, in gain mode ticks at which one had to be. */
+    /* Drives that had to be limited when they came, in gain and board mode ticks at which one had to be. */
     uint32_t saturated;
     /* Times the watchdog brought the board to SAFE. */
     uint32_t watchdog_trips;
@@ -326,6 +373,79 @@ typedef struct hil_field_value {
 size_t hil_pack_field_value(const hil_field_value *message, uint8_t *payload);
 bool hil_unpack_field_value(hil_field_value *message, const uint8_t *payload, size_t size);
 
+/* What the board's own estimator says, every ESTIMATE_EVERY ticks while it streams in board mode: at ticks of
+ * which one more is a multiple of it. Where the link does not take it, it is dropped, and its number is
+ * missing. Any number that is not finite, and a deviation below 0, says that the estimator has failed. */
+#define HIL_ESTIMATE_SIZE 176u
+typedef struct hil_estimate {
+    /* [tick] Tick of the sample that this follows; low 32 bits. */
+    uint32_t tick;
+    /* [EstimatedEntries] Which entries the board's model estimates; the others are declared to it, and so is
+     * what they say. */
+    uint16_t estimated;
+    /* [EstimateFlags] What the numbers mean. */
+    uint16_t flags;
+    /* [m] Position along x. */
+    double x;
+    /* [m/s] Velocity along x. */
+    double vx;
+    /* [m] Position along y. */
+    double y;
+    /* [m/s] Velocity along y. */
+    double vy;
+    /* [V] Offset of the sense voltage of x. */
+    double phi_x;
+    /* [V] Offset of the sense voltage of y. */
+    double phi_y;
+    /* [rad/s] Rate of rotation. */
+    double rate;
+    /* [1/s²] Stiffness over mass, xx. */
+    double kxx;
+    /* [1/s²] Stiffness over mass, yy. */
+    double kyy;
+    /* [1/s²] Stiffness over mass, xy. */
+    double kxy;
+    /* [1/s] Damping over mass, xx. */
+    double dxx;
+    /* [1/s] Damping over mass, yy. */
+    double dyy;
+    /* [1/s] Damping over mass, xy. */
+    double dxy;
+    /* [rad] Angle of rotation as the board reports it, counted from its ARM, unwrapped; what its own forces
+     * turned is taken off. */
+    double angle;
+    /* [m] Standard deviation of x; 0 where the board does not say it. */
+    float sd_x;
+    /* [m/s] Standard deviation of vx; 0 where the board does not say it. */
+    float sd_vx;
+    /* [m] Standard deviation of y; 0 where the board does not say it. */
+    float sd_y;
+    /* [m/s] Standard deviation of vy; 0 where the board does not say it. */
+    float sd_vy;
+    /* [V] Standard deviation of phi_x; 0 where the board does not say it. */
+    float sd_phi_x;
+    /* [V] Standard deviation of phi_y; 0 where the board does not say it. */
+    float sd_phi_y;
+    /* [rad/s] Standard deviation of rate; 0 where the board does not say it. */
+    float sd_rate;
+    /* [1/s²] Standard deviation of kxx; 0 where the board does not say it. */
+    float sd_kxx;
+    /* [1/s²] Standard deviation of kyy; 0 where the board does not say it. */
+    float sd_kyy;
+    /* [1/s²] Standard deviation of kxy; 0 where the board does not say it. */
+    float sd_kxy;
+    /* [1/s] Standard deviation of dxx; 0 where the board does not say it. */
+    float sd_dxx;
+    /* [1/s] Standard deviation of dyy; 0 where the board does not say it. */
+    float sd_dyy;
+    /* [1/s] Standard deviation of dxy; 0 where the board does not say it. */
+    float sd_dxy;
+    /* [rad] Standard deviation of the angle, by estimation; 0 where the board does not say it. */
+    float sd_angle;
+} hil_estimate;
+size_t hil_pack_estimate(const hil_estimate *message, uint8_t *payload);
+bool hil_unpack_estimate(hil_estimate *message, const uint8_t *payload, size_t size);
+
 /* CAN: identifier = type << 4 | node << 1 | sender; sender 0: host, 1: board. */
 #define HIL_CAN_TYPE_SHIFT 4u
 #define HIL_CAN_NODE_SHIFT 1u
@@ -441,7 +561,8 @@ enum {
     HIL_REGISTER_FILTER_DELAY = 15,
     HIL_REGISTER_DITHER_AMPLITUDE = 16,
     HIL_REGISTER_DITHER_SEED = 17,
-    HIL_REGISTERS = 18,
+    HIL_REGISTER_ESTIMATE_EVERY = 18,
+    HIL_REGISTERS = 19,
 };
 
 typedef struct hil_register {
@@ -449,6 +570,7 @@ typedef struct hil_register {
     bool writable;
     bool live;  /* may be written in any state, the others only while the board is IDLE or SAFE */
     bool real;  /* holds any number within its limits, the others whole ones */
+    uint32_t optional; /* HIL_CAPABILITIES of the optional part it belongs to, 0 for none */
     double initial;
     double minimum;
     double maximum;
@@ -509,7 +631,7 @@ extern const hil_transition hil_transitions[HIL_SITUATIONS][HIL_EVENTS];
 extern const uint8_t hil_situation_state[HIL_SITUATIONS];
 
 /* The field table: message, field, type, scale, separated by tabs. Its CRC-32C is HIL_SPEC_HASH. */
-#define HIL_FIELD_LINES 150u
+#define HIL_FIELD_LINES 155u
 extern const char *const hil_field_table[HIL_FIELD_LINES];
 
 #endif

@@ -60,10 +60,10 @@ class Bench(Section):
         for key in ("position_m", "velocity_mps", "offset_V"):
             if (given := getattr(initial, key)) is not None and len(given) != axes:
                 raise ValueError(f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}")
-        if self.loop.mode == "gain" and axes != 2:
-            raise ValueError(f'[loop] mode: "gain" needs axes = 2, not {axes}; use "force"')
+        if self.loop.in_blocks and axes != 2:
+            raise ValueError(f'[loop] mode: "{self.loop.mode}" needs axes = 2, not {axes}; use "force"')
         if self.link.watchdog_s is not None and self.link.watchdog_s < self._shortest_watchdog_s:
-            what = "three blocks" if self.loop.mode == "gain" else "two samples"
+            what = "three blocks" if self.loop.in_blocks else "two samples"
             raise ValueError(f"[link] watchdog_s: shorter than {what} ({self._shortest_watchdog_s:g} s)")
         if self.target_stiffness_per_s2 == 0:
             raise ValueError(
@@ -95,7 +95,7 @@ class Bench(Section):
 
     @property
     def _shortest_watchdog_s(self) -> float:
-        least = 3 * self.loop.block if self.loop.mode == "gain" else 2
+        least = 3 * self.loop.block if self.loop.in_blocks else 2
         return least / self.device.sample_rate_Hz
 
     @property
@@ -135,7 +135,7 @@ class Bench(Section):
         matrix is in force for one.
         """
         period = self.controller.virtual_reversal_s
-        if self.loop.mode == "force" or period == 0.0:
+        if self.loop.mode != "gain" or period == 0.0:
             return period
         block = self.loop.block / self.device.sample_rate_Hz
         return max(round(0.5 * period / block), 1) * 2.0 * block

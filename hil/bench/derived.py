@@ -157,6 +157,8 @@ def _loop(bench: "Bench") -> Iterator[Derived]:
     if bench.loop.mode == "gain":
         loop = rate / bench.loop.block
         text = f"{quantity(loop, 'Hz')}: a matrix for each block of {bench.loop.block} samples"
+    elif bench.loop.mode == "board":
+        loop, text = rate, f"{quantity(rate, 'Hz')}, on the board; permitted anew for each {bench.loop.block} samples"
     else:
         loop, text = rate, f"{quantity(rate, 'Hz')}: an answer to each sample"
     yield Derived("loop rate", text, {"loop_rate_Hz": loop})

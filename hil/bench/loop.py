@@ -27,11 +27,11 @@ class Loop(Section):
 
     clock: Literal["lockstep", "paced", "real"] = "paced"
     """lockstep: the board waits for each answer; paced: emulated board on wall time; real: hardware"""
-    mode: Literal["force", "gain"] = "force"
+    mode: Literal["force", "gain", "board"] = "force"
     """force: the host answers every sample with a drive; gain: the board closes the loop with a matrix from the host,
-    once a block"""
+    once a block; board: the board's own estimator closes it, and the host permits it to, once a block"""
     block: Annotated[int, Field(ge=2, le=682)] = 250
-    """gain mode: samples in a block; a multiple or a divisor of estimate_every"""
+    """gain and board mode: samples in a block; a multiple or a divisor of estimate_every"""
     filter: Literal["luenberger", "pair"] = "luenberger"
     """gain mode: what the board makes two signals of each axis by: an observer of the target oscillator, or the sample
     itself and the one a quarter of a cycle ago"""
@@ -46,7 +46,7 @@ class Loop(Section):
     """every how many samples the estimates are recorded"""
     covariance_every: Annotated[int, Field(ge=1)] | None = None
     """every how many samples the whole covariance of the estimates is recorded, a multiple of estimate_every, in gain
-    mode of block too; without it about ten times a second"""
+    and board mode of block too; without it about ten times a second"""
     name: RunName = "run"
     """last part of the run folder's name"""
 
@@ -57,21 +57,31 @@ class Loop(Section):
                 f"settle_s: {self.settle_s:g} s leaves nothing to score of duration_s = {self.duration_s:g} s; "
                 "run for longer, or lower it in a bench file of your own (hil init --like)"
             )
-        if self.mode == "gain" and self.block % self.estimate_every and self.estimate_every % self.block:
+        if self.in_blocks and self.block % self.estimate_every and self.estimate_every % self.block:
             raise ValueError(
                 f"estimate_every: {self.estimate_every} is neither a multiple nor a divisor of block = {self.block}"
             )
         if self.covariance_every is not None and self.covariance_every % self.covariance_unit:
             raise ValueError(
                 f"covariance_every: {self.covariance_every} is no multiple of {self.covariance_unit}, the larger of "
-                "estimate_every and, in gain mode, block"
+                "estimate_every and, in gain and board mode, block"
             )
         return self
 
     @property
+    def in_blocks(self) -> bool:
+        """Whether samples come in blocks, as the board computes the drive."""
+        return self.mode != "force"
+
+    @property
+    def rows(self) -> int:
+        """Samples that come at a time."""
+        return self.block if self.in_blocks else 1
+
+    @property
     def covariance_unit(self) -> int:
         """Samples after which there is a covariance beside an estimate: the least `covariance_every`."""
-        return max(self.estimate_every, self.block) if self.mode == "gain" else self.estimate_every
+        return max(self.estimate_every, self.block) if self.in_blocks else self.estimate_every
 
     def covariance_stride(self, sample_rate_Hz: float) -> int:
         """Every how many samples the covariance is recorded."""

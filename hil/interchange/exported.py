@@ -17,7 +17,7 @@ from hil.records.innovation import read_innovation
 from hil.records.rates import rates_rad_s
 from hil.records.units import unit_of
 
-What = Literal["capture", "estimates", "angle", "rate", "innovation", "force"]
+What = Literal["capture", "estimates", "angle", "rate", "board_estimates", "innovation", "force"]
 WHAT: tuple[What, ...] = get_args(What)
 Columns = dict[str, npt.NDArray[Any]]
 
@@ -44,11 +44,11 @@ class Exported:
 
 def tables_of(place: Path, wanted: Sequence[What]) -> list[Exported]:
     """The tables called `wanted` of a run folder, a record file, or the force.arrow of a trace; without a name all that
-    are there of capture, estimates, innovation and force.
+    are there of capture, estimates, the board's own, innovation and force.
 
     Raises InputError for one that is not there, and for a file that is no record.
     """
-    names: Sequence[What] = wanted or ("capture", "estimates", "innovation", "force")
+    names: Sequence[What] = wanted or ("capture", "estimates", "board_estimates", "innovation", "force")
     found = [table for name in dict.fromkeys(names) if (table := _table(place, name, asked=bool(wanted))) is not None]
     if not found:
         raise InputError(f"{place}: nothing to export; give a run folder, or one of its .arrow files")
@@ -145,6 +145,10 @@ def _estimates(path: Path, name: What = "estimates", only: Sequence[str] = ()) -
     return Exported(name, len(estimates), units, pieces, about)
 
 
+def _board(path: Path) -> Exported:
+    return _estimates(path, "board_estimates")
+
+
 def _angle(path: Path) -> Exported:
     return _estimates(path, "angle", _ANGLE)
 
@@ -184,6 +188,7 @@ _READERS: Mapping[What, Callable[[Path], Exported]] = {
     "estimates": _estimates,
     "angle": _angle,
     "rate": _rate,
+    "board_estimates": _board,
     "innovation": _innovation,
     "force": _force,
 }

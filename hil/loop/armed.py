@@ -96,7 +96,7 @@ class ArmedBoard:
         self._rearm = bench.limits.rearm
         self._rate_Hz = identity.tick_rate_Hz
         self._latency = identity.latency_ticks
-        self._block = bench.loop.block if bench.loop.mode == "gain" else 1
+        self._block = bench.loop.rows
         ticks = round(registers["WATCHDOG_TICKS"])
         self._asked_ns = 0
         self._safe_sent = False

@@ -13,7 +13,7 @@ from hil.wire import client
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, WireError
-from hil.wire.messages import DriveForce, DriveGains, Message, Nack, NackReason, State, Status
+from hil.wire.messages import DriveBoard, DriveForce, DriveGains, Message, Nack, NackReason, State, Status
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 
@@ -40,6 +40,8 @@ def zero_drive(drive: type[Message], tick: int) -> Message:
     effective = (tick + 1) & 0xFFFFFFFF
     if drive is DriveGains:
         return DriveGains(1, (0.0,) * 8, (0.0,) * 2, effective)
+    if drive is DriveBoard:
+        return DriveBoard(0)
     return DriveForce(0, 0, effective)
 
 

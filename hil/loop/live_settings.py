@@ -71,6 +71,8 @@ def at_once(bench: Bench, settings: Mapping[str, float]) -> dict[str, str]:
     reasons = dict.fromkeys(settings, "")
     if not controller.enabled or bench.device.axes != 2:
         return dict.fromkeys(settings, "the loop drives nothing")
+    if bench.loop.mode == "board":
+        return dict.fromkeys(settings, "the board's own controller drives, which is built with them")
     if "dither" in settings and bench.loop.mode == "gain":
         reasons["dither"] = "in gain mode the board adds it, from a register that is written before it is armed"
     if "target_stiffness" in settings:

@@ -81,10 +81,10 @@ def require_suitable(bench: Bench, identity: Identity, link: str) -> None:
     require_agreement(bench, identity, link)
     able = Capabilities(identity.capabilities)
     clock = ClockMode[bench.loop.clock.upper()]
-    if not able & (Capabilities.FORCE_MODE | Capabilities.GAIN_MODE):
+    if not able & (Capabilities.FORCE_MODE | Capabilities.GAIN_MODE | Capabilities.BOARD_MODE):
         raise InputError(
-            f"{link}: IDENTITY.capabilities is {identity.capabilities}, neither force nor gain mode: nothing could be "
-            "driven; correct the firmware"
+            f"{link}: IDENTITY.capabilities is {identity.capabilities}, neither force nor gain mode, nor an estimator: "
+            "nothing could be driven; correct the firmware"
         )
     if (kept := clock_kept(able, clock)) is not clock:
         refused = {
@@ -95,6 +95,9 @@ def require_suitable(bench: Bench, identity: Identity, link: str) -> None:
         raise InputError(f'{link}: {refused[clock]}; use [loop] clock = "{kept.name.lower()}"')
     if bench.loop.mode == "gain" and Capabilities.GAIN_MODE not in able:
         raise InputError(f'{link}: the board cannot close the loop itself; use [loop] mode = "force"')
+    if bench.loop.mode == "board" and Capabilities.BOARD_MODE not in able:
+        other = "force" if Capabilities.FORCE_MODE in able else "gain"
+        raise InputError(f'{link}: the board has no estimator of its own; use [loop] mode = "{other}"')
     if bench.loop.mode == "force" and Capabilities.FORCE_MODE not in able:
         raise InputError(f'{link}: the board does not take a drive for each sample; use [loop] mode = "gain"')
     _require_range(bench, identity, link)
@@ -145,16 +148,17 @@ def _require_range(bench: Bench, identity: Identity, link: str) -> None:
 
 
 def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> dict[str, float]:
-    """Clock, watchdog, limits, in gain mode filter and dither, and a session number into the board's registers; what
-    they hold now, read back.
+    """Clock, watchdog, limits, in gain mode filter and dither, in board mode the stride of its estimates, and a session
+    number into the board's registers; what they hold now, read back.
 
     Raises ProtocolError where a register does not read back as written, and as `client.request`.
     """
     gain_mode = bench.loop.mode == "gain"
+    estimates = bench.loop.mode == "board" and Capabilities.ESTIMATE in Capabilities(identity.capabilities)
     registers: dict[str, float] = {
         "CLOCK_MODE": ClockMode[bench.loop.clock.upper()],
-        "LOOP_MODE": LoopMode.GAIN if gain_mode else LoopMode.FORCE,
-        "BLOCK": bench.loop.block if gain_mode else 1,
+        "LOOP_MODE": LoopMode[bench.loop.mode.upper()],
+        "BLOCK": bench.loop.rows,
         "WATCHDOG_TICKS": max(math.ceil(bench.watchdog_s * identity.tick_rate_Hz), 2),
         "DRIVE_LIMIT": drive_limit_of(bench, identity),
     }
@@ -165,6 +169,8 @@ def configure(endpoint: Endpoint, identity: Identity, bench: Bench) -> dict[str,
         registers |= {f"FILTER_C{i + 1}": board.c[i] for i in range(2)}
         registers |= {"FILTER_DELAY": board.delay}
         registers |= dict(zip(("DITHER_AMPLITUDE", "DITHER_SEED"), board_dither_of(bench, identity), strict=True))
+    if estimates:
+        registers["ESTIMATE_EVERY"] = bench.loop.estimate_every
     if "SESSION" in SPEC.registers:
         registers["SESSION"] = 1 + secrets.randbelow(0xFFFFFFFF)
     for name, value in registers.items():

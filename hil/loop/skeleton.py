@@ -53,6 +53,7 @@ class Counters:
     held: int = 0
     clipped: int = 0
     saturated: int = 0
+    estimates: int = 0  # of the board's own, recorded
     rearmed: int = 0
     residual_safe: int = 0
     board: dict[str, int] = field(default_factory=dict)
@@ -142,7 +143,7 @@ class Loop(ABC):
         self._residual = 1.0
         self._pause: Pause | None = None  # of the board, until a row comes from after it
         self._begun_ns = self._answered_ns = self._listened_ns = time.monotonic_ns()
-        self._block = bench.loop.block if bench.loop.mode == "gain" else 1
+        self._block = bench.loop.rows
         self._goal = 0  # ticks of the run at which somebody wants to be told
         self._excused = 0  # ticks missing around a stop, beside those of it
         self._at_once_ns = round(1e9 * _AT_ONCE * self._block / rate)

@@ -12,6 +12,7 @@ from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.formula import formula_of
 from hil.loop.angle import ReportedAngle
+from hil.records.board_estimates import board_estimates_layout
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
 from hil.records.covariance import covariance_layout, packed
@@ -21,7 +22,7 @@ from hil.records.layout import Layout
 from hil.records.recorder import Track
 from hil.records.timing import ledger_layout, timing_layout
 from hil.records.units import unit_of
-from hil.wire.messages import Identity
+from hil.wire.messages import Capabilities, EstimatedEntries, Identity
 
 COLUMNS = {
     "x": "x_m",
@@ -48,11 +49,19 @@ def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[st
     block, lockstep = bench.loop.block, bench.loop.clock == "lockstep"
     grace = identity.latency_ticks if bench.loop.mode == "force" else block
     deadline_us = None if lockstep else grace / rate * 1e6
-    timing = (
-        timing_layout(tick_rate_Hz=rate, deadline_us=deadline_us)
-        if bench.loop.mode == "force"
-        else ledger_layout(tick_rate_Hz=rate, block=block, deadline_us=deadline_us)
-    )
+    observed = observer_layouts(observer, bench)
+    beside: dict[str, Layout] = {}
+    if bench.loop.mode == "force":
+        beside["timing"] = timing_layout(tick_rate_Hz=rate, deadline_us=deadline_us)
+    elif bench.loop.mode == "gain":
+        beside["timing"] = ledger_layout(tick_rate_Hz=rate, block=block, deadline_us=deadline_us)
+    elif Capabilities.ESTIMATE in Capabilities(identity.capabilities):
+        beside["board_estimates"] = board_estimates_layout(
+            [column_of(name.lower()) for name in EstimatedEntries.__members__ if name != "ANGLE"],
+            tick_rate_Hz=rate,
+            every=bench.loop.estimate_every,
+            header=observed["estimates"].header,
+        )
     said = identity._asdict()
     del said["capabilities"]  # its clocks depend on the link, but the same samples are the same record
     return {
@@ -65,8 +74,8 @@ def run_layouts(observer: Observer, bench: Bench, identity: Identity) -> dict[st
             identity=said,
             lockstep=lockstep,
         ),
-        **observer_layouts(observer, bench),
-        "timing": timing,
+        **observed,
+        **beside,
         **({} if lockstep else {"clock": clock_layout(tick_rate_Hz=rate)}),
     }
 

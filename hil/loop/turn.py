@@ -54,7 +54,7 @@ SEEN = 1024
 
 _STAGED = 256  # rows that wait for a track that is no ring
 _ESTIMATES = 1024
-_RECEIVER = ("lost", "repeated", "undecodable", "tick", "run", "run_next")
+_RECEIVER = ("lost", "repeated", "undecodable", "passed_over", "tick", "run", "run_next")
 _DECODER = ("bytes", "frames", "cobs_errors", "short", "crc_errors", "oversize", "dropped_bytes", "skipping")
 _AT = {name: OUTPUT.fields[name][1] // 8 for name in OUTPUT.names or () if OUTPUT.fields}
 """Where each number of the observer's output stands in it; of the innovation and its variance the first."""

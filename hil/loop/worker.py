@@ -128,6 +128,7 @@ def _loop(
     from estimator.foresight import rehearse
     from estimator.observer import Observer
     from hil.declared import board_device_of, board_filter_of, controller_settings_of, observer_settings_of
+    from hil.loop.optional import unknown_parts
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here
 
@@ -150,6 +151,8 @@ def _loop(
         tell(stage="prepare", done=0, total=0, note="a step for these effects; compiled once, some seconds")
     if bench.loop.mode == "gain":
         rehearse(make_observer(), board_filter_of(bench))
+    elif bench.loop.mode == "board":
+        make_observer().run(np.zeros((2, 2)), np.zeros((2, 2)))
     else:
         make_observer().tick(0.0, 0.0, 0.0, 0.0)
     observer = make_observer()
@@ -163,7 +166,7 @@ def _loop(
             folder,
             layouts,
             wait=lockstep,
-            ring_rows=_COVARIANCE_ROWS | (_RING_ROWS if bench.loop.mode == "gain" else {}),
+            ring_rows=_COVARIANCE_ROWS | (_RING_ROWS if bench.loop.in_blocks else {}),
             shown=None if control is None else lambda rings: control.show(rings, layouts),
         )
     loop = make_loop(endpoint, identity, bench, observer, recording.tracks, registers)
@@ -179,6 +182,7 @@ def _loop(
         "frames_lost": rx.lost,
         "frames_repeated": rx.repeated,
         "frames_damaged": rx.bad,
+        "frames_passed_over": rx.passed_over,
     }
     board = counters.pop("board")
     # The board counts since its power-up; what it counted before this run is none of it.
@@ -188,6 +192,7 @@ def _loop(
     counters |= {"stops": len(loop.safety.stops)}
     return {
         "counters": counters,
+        "unknown": unknown_parts(identity, rx.passed_over),
         "stopped": driven.why_stopped,
         "failed": driven.failed,
         "refused": driven.refused,
@@ -387,11 +392,13 @@ def make_loop(
     registers: Mapping[str, float] = _NOTHING_WRITTEN,
 ) -> "Loop":
     """The loop of the bench's mode, with a board that is configured for it by `registers`."""
+    from hil.loop.board import BoardLoop
     from hil.loop.force import ForceLoop
     from hil.loop.gain import GainLoop
 
-    kind = GainLoop if bench.loop.mode == "gain" else ForceLoop
-    return kind(endpoint, identity, bench, observer, tracks, registers)
+    kinds: dict[str, type[ForceLoop | GainLoop | BoardLoop]]
+    kinds = {"force": ForceLoop, "gain": GainLoop, "board": BoardLoop}
+    return kinds[bench.loop.mode](endpoint, identity, bench, observer, tracks, registers)
 
 
 def _on_signals(loop: "Loop") -> Callable[[], bool]:

@@ -16,6 +16,7 @@ from hil.compiler import require_compiler
 from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.methods import prior_art
+from hil.methods.board import board_course
 from hil.methods.bound import bound_of
 from hil.methods.course import Course, Judge, Reference, reference_of
 from hil.methods.observers import GAINS, STATES, course_of, name_of, rotation_name, with_observer, without_effects
@@ -76,9 +77,11 @@ def compare(
     require_place(out)
     known = None if truth is None else truth_in(truth)
     remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
+    own = board_course(RunFolder(capture.parent)) if capture.name == "capture.arrow" else None
     found, lines = methods_on(
-        subject, called(capture), truth=known, link=place, diagnosis=diagnosis, remarks=remarks, progress=progress
-    )
+        subject, called(capture), truth=known, link=place, diagnosis=diagnosis, board=own, remarks=remarks,
+        progress=progress,
+    )  # fmt: skip
     folder = new_folder(out, bench)
     save_methods(folder / "comparison.json", found)
     if report:
@@ -94,11 +97,12 @@ def methods_on(
     truth: Truth | None,
     link: str | None,
     diagnosis: Diagnosis | None = None,
+    board: Course | None = None,
     remarks: Sequence[str] = (),
     progress: Watcher,
 ) -> tuple[Methods, list[Line]]:
     """Every method on a record that is in memory and called `name`: the rows, and the errors over time; as `compare`,
-    which see, with a link whose scenario is a path.
+    which see, with a link whose scenario is a path; board: what the board's own estimator said while it was recorded.
     """
     bench, remarks = subject.bench, list(remarks)
     reference = reference_of(subject.captured, truth)
@@ -112,6 +116,8 @@ def methods_on(
     Observer(subject.device, subject.settings, subject.control).run(
         subject.sense[:_WARM], subject.samples.drive[:_WARM]
     )
+    if board is not None:
+        rows.add(board.name, lambda: (board, reference))
     for title, method in _on_record(subject, diagnosis, remarks):
         rows.add(title, partial(_beside, method, reference))
     if link is None:

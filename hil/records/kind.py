@@ -12,7 +12,7 @@ _MARKS = {
     "result.json": "a run",
     "estimates.arrow": "a run",
 }
-_RECORDS = ("capture", "innovation", "estimates", "covariance", "timing", "clock", "force")
+_RECORDS = ("capture", "innovation", "estimates", "board_estimates", "covariance", "timing", "clock", "force")
 _OWN = {*_MARKS, "bench.toml", "report.html", "changes.jsonl", "marks.json", *(f"{name}.arrow" for name in _RECORDS)}
 
 

@@ -370,6 +370,23 @@ _RENAMED = (
 )
 
 
+class OnBoard(_Model):
+    """What the board's own estimator said, beside the host's estimates of the same samples; once scored, the truth."""
+
+    rows: Count = Field(description="Estimates recorded")
+    valid_fraction: NonNegative | None = Field(
+        default=None, description="Share of the scored window at which the board calls its angle valid"
+    )
+    angle_difference_rms_rad: NonNegative | None = Field(
+        default=None, description="Board's angle less the host's, zero at the start of the scored window"
+    )
+    angle_difference_end_rad: NonNegative | None = None
+    rate_difference_rms_rad_s: NonNegative | None = None
+    angle_error_rms_rad: NonNegative | None = Field(default=None, description="Board's angle less the true rotation")
+    rate_error_rms_rad_s: NonNegative | None = None
+    score: Score | None = None
+
+
 class Result(json_file.Sealed, _Model):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
@@ -380,7 +397,7 @@ class Result(json_file.Sealed, _Model):
     run: str = Field(description="Name of the run folder")
     link: str | None = None
     clock: Literal["lockstep", "paced", "real"] | None = Field(default=None, description="Null for a replay")
-    mode: Literal["force", "gain"] | None = Field(default=None, description="Null for a replay")
+    mode: Literal["force", "gain", "board"] | None = Field(default=None, description="Null for a replay")
     seconds: NonNegative = Field(description="Length of the record in bench time")
     samples: Count
     lost: Count = Field(default=0, description="Samples missing between the first and the last")
@@ -432,6 +449,9 @@ class Result(json_file.Sealed, _Model):
     reasons: tuple[str, ...] = Field(default=(), description="One line per limit that was not kept")
     next: str | None = Field(default=None, description="The command or act that comes next")
     score: Score | None = None
+    board: OnBoard | None = Field(
+        default=None, description="The board's own estimates, of a run in board mode; null where it said none"
+    )
     sensor: Sensor | None = Field(default=None, description="A sensor that was recorded, not driven")
     counters: dict[str, int] = Field(default_factory=dict)
     versions: dict[str, str] = Field(default_factory=dict)

@@ -56,6 +56,11 @@ class RunFolder:
         return self.path / "estimates.arrow"
 
     @property
+    def board_estimates_path(self) -> Path:
+        """What the board's own estimator said, in board mode."""
+        return self.path / "board_estimates.arrow"
+
+    @property
     def covariance_path(self) -> Path:
         """Whole covariance of the estimates, further decimated."""
         return self.path / "covariance.arrow"
@@ -122,6 +127,11 @@ class RunFolder:
     def estimates(self) -> Estimates | None:
         """The estimates, or None."""
         return _read_if_there(self.estimates_path, read_estimates)
+
+    @cached_property
+    def board_estimates(self) -> Estimates | None:
+        """What the board's own estimator said, or None."""
+        return _read_if_there(self.board_estimates_path, read_estimates)
 
     @cached_property
     def covariance(self) -> Covariance | None:

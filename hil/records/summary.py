@@ -11,6 +11,7 @@ from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
 from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation, steady, usual_sd_V
+from hil.records.on_board import on_board
 from hil.records.quantiles import quantiles
 from hil.records.rate_reference import errors
 from hil.records.result import Answers, BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
@@ -60,6 +61,7 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
         turnaround_us=None if timing is None else turnaround(timing),
         ledger_us=None if timing is None else ledger(timing, capture, folder.clock),
+        board=on_board(folder),
         complete=capture is not None and capture.complete,
     )
 

@@ -60,6 +60,7 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
         markup.section("closing", "What the residual told", _told(material), drawn(closing.draw)),
         markup.section("angle", "Angle", drawn(angle.draw), uncertainty.section(material), tables.angle(material)),
         markup.section("rate", "Rate", drawn(rate.draw)),
+        markup.section("on-the-board", "On the board", tables.on_board(material)),
         markup.section(
             "parameters",
             "Parameters",

@@ -16,11 +16,13 @@ _COUNTED = {
     "held": "samples before which the board held its last drive, whatever the reason",
     "clipped": "samples with the converter at its end",
     "saturated": "samples with the drive at its limit",
+    "estimates": "estimates of the board's own, recorded",
     "rearmed": "times the board was armed again after a SAFE",
     "residual_safe": "times the innovation left its bounds and the host sent SAFE",
     "frames_lost": "frames missing from the board's sequence",
     "frames_repeated": "frames that came twice, or after a later one, and were dropped",
     "frames_damaged": "frames the host dropped: framing, checksum, length or type",
+    "frames_passed_over": "optional messages of the board that this host does not know",
     "board_late": "drives that reached the board after their tick",
     "board_held": "ticks at which the board held its last drive, before and after the record, too",
     "board_bad_frames": "frames the board dropped: framing, checksum, length or type",
@@ -58,6 +60,27 @@ def angle(material: Material) -> str:
         f"{significant(score.turns)} turns"
     )
     return table(caption, ("error", "rms", "largest"), rows, (1, 2)) if rows else ""
+
+
+def on_board(material: Material) -> str:
+    """The board's own estimates beside the host's, and beside the truth once scored."""
+    found = material.result.board
+    if found is None:
+        return ""
+    rows = [
+        (name, in_both(value, unit))
+        for name, value, unit in (
+            ("board's angle less the host's, rms", found.angle_difference_rms_rad, "rad"),
+            ("the same, at the end", found.angle_difference_end_rad, "rad"),
+            ("board's rate less the host's, rms", found.rate_difference_rms_rad_s, "rad/s"),
+            ("board's angle less the true rotation, rms", found.angle_error_rms_rad, "rad"),
+            ("board's rate less the true one, rms", found.rate_error_rms_rad_s, "rad/s"),
+        )
+        if value is not None
+    ]
+    if found.valid_fraction is not None:
+        rows.append(("share of the time that it calls its angle valid", percent(found.valid_fraction)))
+    return table(f"On the board: {count(found.rows)} estimates of its own", ("figure", "value"), rows, (1,))
 
 
 def parameters(material: Material) -> str:

@@ -52,12 +52,12 @@ def _first_moment(bench: Bench, scenario: Path, place: Path) -> Truth:
     from hil.loop.worker import Order, untold, work
 
     rate_Hz = bench.device.sample_rate_Hz
-    samples = 2 * bench.loop.block if bench.loop.mode == "gain" else _SAMPLES
+    samples = 2 * bench.loop.block if bench.loop.in_blocks else _SAMPLES
     short = bench.with_(
         loop={
             "duration_s": samples / rate_Hz,
             "settle_s": 0.0,
-            "estimate_every": bench.loop.block if bench.loop.mode == "gain" else 1,
+            "estimate_every": bench.loop.block if bench.loop.in_blocks else 1,
             "covariance_every": None,
         }
     )

@@ -40,6 +40,8 @@ def judge_machine(
         latency_ticks: the board's latency as run.
     """
     answers = result.answers
+    if answers is None and bench.loop.mode == "board" and result.samples:
+        return _judge_record(result, bench, too_slow)
     if answers is None:
         return Part(outcome="unknown")
     limits, reasons = bench.limits, [too_slow] if too_slow else []
@@ -63,6 +65,19 @@ def judge_machine(
     if after is None or _not_permitted(refused):
         after = _next(result, by_host=mine, refused=refused, file=bench_file)
     return Part(outcome="failed", reason="; ".join(reasons), next=after)
+
+
+def _judge_record(result: Result, bench: Bench, too_slow: str) -> Part:
+    """Of a board that closes its own loop, to which no sample is answered: what is missing in the record."""
+    ticks = result.samples + result.lost
+    reasons = [too_slow] if too_slow else []
+    if result.lost / ticks > bench.limits.lost_fraction:
+        limit = percent(bench.limits.lost_fraction, 2)
+        reasons.append(f"{percent(result.lost / ticks, 2)} of the samples lost, [limits] lost_fraction is {limit}")
+    if reasons:
+        return Part(outcome="failed", reason="; ".join(reasons), next=_next(result, by_host=False, refused=(), file=""))
+    share = _cautious(result.samples / ticks)
+    return Part(outcome="good", reason=f"{share} of {counted(ticks, 'sample')} recorded; the board drove by itself")
 
 
 def by_host(result: Result) -> bool:

@@ -9,8 +9,12 @@ from hil.wire.messages import (
     Arm,
     Capabilities,
     ClockMode,
+    DriveBoard,
     DriveForce,
     DriveGains,
+    Estimate,
+    EstimatedEntries,
+    EstimateFlags,
     FieldRead,
     FieldValue,
     Hello,
@@ -37,6 +41,7 @@ _CLASSES: dict[str, type[Message]] = {
     "ARM": Arm,
     "DRIVE_FORCE": DriveForce,
     "DRIVE_GAINS": DriveGains,
+    "DRIVE_BOARD": DriveBoard,
     "SENSE": Sense,
     "TIME_SYNC": TimeSync,
     "STATUS": Status,
@@ -48,6 +53,7 @@ _CLASSES: dict[str, type[Message]] = {
     "REGISTER_VALUE": RegisterValue,
     "FIELD_READ": FieldRead,
     "FIELD_VALUE": FieldValue,
+    "ESTIMATE": Estimate,
 }
 
 
@@ -130,7 +136,9 @@ def check_against(spec: Spec) -> None:
         declared = tuple(field.name for field in spec.messages[name].fields)
         if cls is not Sense and cls._fields != declared:
             raise TypeError(f"{cls.__name__} has fields {cls._fields}; spec.toml gives {name} {declared}")
-    enums = (State, SafeReason, NackReason, ClockMode, LoopMode, SenseFlags, Capabilities)
+    enums = (
+        State, SafeReason, NackReason, ClockMode, LoopMode, SenseFlags, Capabilities, EstimatedEntries, EstimateFlags,
+    )  # fmt: skip
     ours = {enum.__name__: {name: int(value) for name, value in enum.__members__.items()} for enum in enums}
     theirs = {name: enum.members for name, enum in spec.enums.items()}
     if ours != theirs:

@@ -58,6 +58,7 @@ class LoopMode(IntEnum):
 
     FORCE = 0
     GAIN = 1
+    BOARD = 2
 
 
 class SenseFlags(IntFlag):
@@ -76,6 +77,34 @@ class Capabilities(IntFlag):
     GAIN_MODE = 2
     LOCKSTEP = 4
     PACED = 8
+    BOARD_MODE = 16
+    ESTIMATE = 32
+
+
+class EstimatedEntries(IntFlag):
+    """Which entries of ESTIMATE a board's model estimates."""
+
+    X = 1
+    VX = 2
+    Y = 4
+    VY = 8
+    PHI_X = 16
+    PHI_Y = 32
+    RATE = 64
+    KXX = 128
+    KYY = 256
+    KXY = 512
+    DXX = 1024
+    DYY = 2048
+    DXY = 4096
+    ANGLE = 8192
+
+
+class EstimateFlags(IntFlag):
+    """What the numbers of ESTIMATE mean: a valid angle, a drive that is applied."""
+
+    VALID = 1
+    DRIVING = 2
 
 
 class Safe(NamedTuple):
@@ -104,6 +133,12 @@ class DriveGains(NamedTuple):
     gain: tuple[float, ...]
     bias: tuple[float, ...]
     effective_tick: int
+
+
+class DriveBoard(NamedTuple):
+    """Board mode: the board may go on, and with `drive` = 1 applies what its estimator computes."""
+
+    drive: int
 
 
 class TimeSync(NamedTuple):
@@ -204,7 +239,44 @@ class FieldValue(NamedTuple):
     entry: str
 
 
+class Estimate(NamedTuple):
+    """What a board's own estimator says after the sample of `tick` (low 32 bits), in SI; `estimated` are
+    `EstimatedEntries`, `flags` `EstimateFlags`. Deviations are single precision."""
+
+    tick: int
+    estimated: int
+    flags: int
+    x: float
+    vx: float
+    y: float
+    vy: float
+    phi_x: float
+    phi_y: float
+    rate: float
+    kxx: float
+    kyy: float
+    kxy: float
+    dxx: float
+    dyy: float
+    dxy: float
+    angle: float
+    sd_x: float
+    sd_vx: float
+    sd_y: float
+    sd_vy: float
+    sd_phi_x: float
+    sd_phi_y: float
+    sd_rate: float
+    sd_kxx: float
+    sd_kyy: float
+    sd_kxy: float
+    sd_dxx: float
+    sd_dyy: float
+    sd_dxy: float
+    sd_angle: float
+
+
 Message = (
-    Safe | Arm | DriveForce | DriveGains | Sense | TimeSync | Status | Nack | Hello | Identity
-    | RegisterRead | RegisterWrite | RegisterValue | FieldRead | FieldValue
+    Safe | Arm | DriveForce | DriveGains | DriveBoard | Sense | TimeSync | Status | Nack | Hello | Identity
+    | RegisterRead | RegisterWrite | RegisterValue | FieldRead | FieldValue | Estimate
 )  # fmt: skip

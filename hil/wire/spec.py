@@ -3,6 +3,8 @@
 The spec boils down to its *field table*: one line (message, field, type, scale) per thing two peers must
 agree on. Its CRC-32C is the spec hash that HELLO and IDENTITY carry; the same lines can be read from a board
 one by one, so whenever two hashes differ there is a first line that differs, and it can be named.
+
+Optional parts (messages, registers, enumerations of a capability) stand outside of it: one more changes no hash.
 """
 
 import struct
@@ -90,6 +92,8 @@ class Layout:
     fields: tuple[Field, ...]
     rows: tuple[Field, ...] = ()
     frozen: bool = False
+    optional: str = ""
+    """The optional part that it belongs to, "" for what every peer knows."""
 
     @property
     def struct(self) -> str:
@@ -121,6 +125,8 @@ class Register:
     maximum: float
     doc: str
     real: bool = False
+    optional: str = ""
+    """As of a message: a board without that part has no such register."""
 
     def accepts(self, value: float) -> bool:
         """Whether `value` is in range, and whole unless the register is real; NaN and infinities are not."""
@@ -135,6 +141,19 @@ class Enumeration:
     doc: str
     members: dict[str, int]
     flags: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """An optional part of the spec: the bit of IDENTITY.capabilities that stands for it, and the names of what belongs
+    to it."""
+
+    name: str
+    bit: int
+    doc: str
+    messages: tuple[str, ...]
+    registers: tuple[str, ...]
+    enums: tuple[str, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,6 +219,8 @@ class Spec:
 
     A board is not armed in gain mode with a filter whose spectral radius exceeds `filter_radius`, refuses DRIVE_GAINS
     with a number beyond ± `gains_limit`, and a WATCHDOG_TICKS of more than `watchdog_s` seconds of its ticks.
+    Messages, registers and enumerations are all of them, those of `optional` parts too; `table` and `hash` are without
+    those. The first and the last type of optional messages, known or to come, are `optional_types`.
     """
 
     protocol: int
@@ -207,14 +228,20 @@ class Spec:
     filter_radius: float
     gains_limit: float
     watchdog_s: float
+    optional_types: tuple[int, int]
     frame: tuple[Field, ...]
     messages: dict[str, Layout]
     registers: dict[str, Register]
     enums: dict[str, Enumeration]
+    optional: dict[str, Part]
     states: States
     can: CanSpec
     table: tuple[FieldEntry, ...]
     hash: int
+
+    def is_optional(self, type_: int) -> bool:
+        """Whether a type is that of an optional message, known or to come."""
+        return self.optional_types[0] <= type_ <= self.optional_types[1]
 
     def message_name(self, type_: int) -> str:
         """Name of a message type, or `type 0x..` if there is none."""
@@ -228,23 +255,28 @@ def parse_spec(text: str) -> Spec:
         KeyError, TypeError: a key is missing or unknown (the file is part of the program, not user input).
     """
     raw = tomllib.loads(text)
-    messages = {name: _layout(name, body) for name, body in raw["messages"].items()}
-    registers = {name: Register(name=name, **body) for name, body in raw["registers"].items()}
-    enums = {name: _enumeration(name, body, flags=False) for name, body in raw["enums"].items()}
-    enums |= {name: _enumeration(name, body, flags=True) for name, body in raw["flags"].items()}
+    messages, registers, enums = _parts_of(raw)
     frame = tuple(Field(**field) for field in raw["frame"])
     can = _can(raw["can"])
     table = _field_table(raw, frame, messages, can, registers, enums)
+    optional = {}
+    for name, body in raw.get("optional", {}).items():
+        more = _parts_of(body, name)
+        optional[name] = Part(name, body["bit"], body["doc"], *(tuple(found) for found in more))
+        messages, registers, enums = messages | more[0], registers | more[1], enums | more[2]
+        enums["Capabilities"].members[name] = body["bit"]
     return Spec(
         protocol=raw["protocol"],
         max_payload=raw["max_payload"],
         filter_radius=raw["filter_radius"],
         gains_limit=raw["gains_limit"],
         watchdog_s=raw["watchdog_s"],
+        optional_types=tuple(raw["optional_types"]),
         frame=frame,
         messages=messages,
         registers=registers,
         enums=enums,
+        optional=optional,
         states=_states(raw),
         can=can,
         table=table,
@@ -252,9 +284,22 @@ def parse_spec(text: str) -> Spec:
     )
 
 
-def _layout(name: str, body: dict[str, Any]) -> Layout:
+def _parts_of(
+    raw: dict[str, Any], optional: str = ""
+) -> tuple[dict[str, Layout], dict[str, Register], dict[str, Enumeration]]:
+    """Messages, registers and enumerations of the spec itself, or of an optional part."""
+    messages = {name: _layout(name, body, optional) for name, body in raw.get("messages", {}).items()}
+    registers = {
+        name: Register(name=name, optional=optional, **body) for name, body in raw.get("registers", {}).items()
+    }
+    enums = {name: _enumeration(name, body, flags=False) for name, body in raw.get("enums", {}).items()}
+    enums |= {name: _enumeration(name, body, flags=True) for name, body in raw.get("flags", {}).items()}
+    return messages, registers, enums
+
+
+def _layout(name: str, body: dict[str, Any], optional: str = "") -> Layout:
     fields, rows = (tuple(Field(**field) for field in body.pop(key, ())) for key in ("fields", "rows"))
-    return Layout(name=name, fields=fields, rows=rows, **body)
+    return Layout(name=name, fields=fields, rows=rows, optional=optional, **body)
 
 
 def _can(raw: dict[str, Any]) -> CanSpec:
@@ -319,6 +364,8 @@ def _field_table(
         limits = f"{register.minimum}..{register.maximum} {register.unit}, default {register.default}"
         kind = f"0x{register.id:04x} {register.access}{' live' * register.live}{' real' * register.real}"
         table.append(FieldEntry("register", register.name, kind, limits))
+    first, last = raw["optional_types"]
+    table.append(FieldEntry("limit", "optional_types", f"0x{first:02x}..0x{last:02x}", "1"))
     for name, unit in (("filter_radius", "1"), ("gains_limit", "1"), ("watchdog_s", "s")):
         table.append(FieldEntry("limit", name, str(raw[name]), unit))
     for enum in enums.values():

@@ -12,6 +12,7 @@ from hil.wire.frame_format import Frame, FrameFormat
 from hil.wire.messages import DriveForce, Hello, Identity, Message, Nack, NackReason, Safe, SafeReason
 from hil.wire.sense import SenseRow
 from hil.wire.serial_format import SERIAL
+from hil.wire.spec import SPEC
 
 _RESTARTS = frozenset((type_of(Hello), type_of(Identity)))
 
@@ -89,7 +90,8 @@ class Transmitter:
 
 class Receiver:
     """Takes bytes, gives messages; follows sequence numbers and ticks. Types in `foreign` are refused unread: what only
-    the other end says. SAFE stands outside of all this: whatever its number, tick and length, it is given on.
+    the other end says. Optional ones that are foreign or unknown are passed over without a refusal. SAFE stands outside
+    of all this: whatever its number, tick and length, it is given on.
 
     Attributes:
         decoder: the frame decoder with its counters.
@@ -99,11 +101,13 @@ class Receiver:
         undecodable: intact frames of unknown type or wrong length, dropped.
         expected: the sequence number of the next frame, None before the first.
         run: frames that look repeated, one after the other, and `run_next` the number that would continue them.
+        passed_over: optional messages that this end does not know, or does not take.
         refused: the NACK for each undecodable or foreign frame of the last `feed`, for a board to send.
     """
 
     __slots__ = (
-        "_foreign", "decoder", "expected", "lost", "refused", "repeated", "run", "run_next", "tick", "undecodable",
+        "_foreign", "decoder", "expected", "lost", "passed_over", "refused", "repeated", "run", "run_next", "tick",
+        "undecodable",
     )  # fmt: skip
 
     def __init__(self, form: FrameFormat = SERIAL, foreign: frozenset[int] = frozenset()) -> None:
@@ -113,6 +117,7 @@ class Receiver:
         self.lost = 0
         self.repeated = 0
         self.undecodable = 0
+        self.passed_over = 0
         self.refused: list[Nack] = []
         self.expected: int | None = None
         self.run = 0
@@ -133,6 +138,10 @@ class Receiver:
         received = []
         self.refused = []
         for frame, before in self._followed(data):
+            if SPEC.is_optional(frame.type) and (frame.type in self._foreign or frame.type not in KNOWN_TYPES):
+                self.tick = before
+                self.passed_over += 1
+                continue
             if frame.type in self._foreign:
                 self.refused.append(Nack(frame.type, frame.seq, NackReason.NOT_SUPPORTED))
                 continue

@@ -4,6 +4,7 @@ Its mass is a made-up sequence of sense codes: what is looked at here is what th
 """
 
 import ctypes
+from collections.abc import Callable
 from typing import Any, Literal
 
 from hil.wire.can_format import BRS, FDF, HEAD, RECORD_SIZE
@@ -47,6 +48,21 @@ class _Drive(ctypes.Structure):
     _fields_ = [("ux", ctypes.c_int32), ("uy", ctypes.c_int32)]
 
 
+class _Estimator(ctypes.Structure):
+    """hil_estimator."""
+
+    _fields_ = [
+        ("start", ctypes.c_void_p),
+        ("step", ctypes.c_void_p),
+        ("read", ctypes.c_void_p),
+        ("context", ctypes.c_void_p),
+    ]
+
+
+_STEP = ctypes.CFUNCTYPE(
+    ctypes.c_uint64, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int32, ctypes.c_int32, _Drive, ctypes.c_bool
+)
+_READ = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p)
 _PUT_NOW = ctypes.CFUNCTYPE(None, ctypes.c_void_p, _Drive)
 
 
@@ -63,6 +79,7 @@ class _Config(ctypes.Structure):
         ("lock", _LOCK),
         ("put_now", _PUT_NOW),
         ("context", ctypes.c_void_p),
+        ("estimator", ctypes.c_void_p),
     ]
 
 
@@ -85,6 +102,7 @@ class CBoard:
         latency: int = 1,
         bits: int = 16,
         rows: int = 682,
+        estimator: Callable[[int, int], None] | None = None,
     ) -> None:
         self._c = library
         self._kind = kind
@@ -116,6 +134,11 @@ class CBoard:
         self._keep.append(_PUT_NOW(lambda _, codes: self.put.append((codes.ux, codes.uy))))
         config.now_ns, config.lock = self._keep[1:3]
         config.put_now = self._keep[-1]
+        if estimator is not None:  # one that asks for no drive, and says what it is told to
+            self._keep += [_STEP(lambda *_: 0), _READ(estimator)]
+            step, read = (ctypes.cast(one, ctypes.c_void_p) for one in self._keep[-2:])
+            self._keep.append(_Estimator(None, step, read, None))
+            config.estimator = ctypes.addressof(self._keep[-1])
         library.hil_board_init.restype = ctypes.c_bool
         library.hil_board_may_go_on.restype = ctypes.c_bool
         library.hil_board_streaming.restype = ctypes.c_bool

@@ -17,6 +17,7 @@ from hil.wire.messages import (
     Arm,
     Capabilities,
     ClockMode,
+    DriveBoard,
     DriveForce,
     DriveGains,
     FieldRead,
@@ -41,7 +42,7 @@ from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received
 
-from .served import PATIENCE_S, QUIET_S, Board, Cable, answers, leave, samples, set_running, status_of
+from .served import PATIENCE_S, QUIET_S, Board, Cable, answers, leave, registers_of, samples, set_running, status_of
 
 HELLO = Hello(SPEC.protocol, SPEC.hash)
 LATCHING = (SafeReason.HOST_REQUEST, SafeReason.INTERRUPTED, SafeReason.RESIDUAL)
@@ -187,7 +188,7 @@ class Rules:
             assert refusal(new, FieldRead(0)) is None
             assert ask(new, TimeSync(9, 0)).host_ns == 9
             for name, register in SPEC.registers.items():
-                if name not in ("CLOCK_MODE", "WATCHDOG_TICKS"):
+                if name not in ("CLOCK_MODE", "WATCHDOG_TICKS") and not register.optional:
                     assert ask(new, RegisterRead(register.id)) == (register.id, register.default)
             assert status(new, Safe(SafeReason.LINK_LOST)) == (State.SAFE, SafeReason.LINK_LOST)
             assert refusal(new, Arm()) is NackReason.BAD_STATE
@@ -491,6 +492,9 @@ class Rules:
 
     @pytest.mark.parametrize("mode", list(LoopMode))
     def test_nothing_is_left_of_a_drive_after_safe(self, host, mode):
+        if mode is LoopMode.BOARD:
+            self.nothing_is_left_of_an_estimators_drive(host)
+            return
         self.lockstep(host, LOOP_MODE=mode)
         drive = DriveForce(300, 300, 0) if mode is LoopMode.FORCE else DriveGains(1, ZERO, (300.0, 300.0), 0)
         tick = host.rx.tick
@@ -505,6 +509,43 @@ class Rules:
         for _ in range(12):
             heard += step(host, nothing)
         assert {row[1:3] for row in rows_of(heard)} == {(0, 0)}
+
+    def nothing_is_left_of_an_estimators_drive(self, host: Endpoint) -> None:
+        """Whatever its estimator computed before SAFE: behind ARM the force is zero until a drive is permitted."""
+        if Capabilities.BOARD_MODE not in Capabilities(client.connect(host, PATIENCE_S).capabilities):
+            pytest.skip("this board has no estimator")
+        self.lockstep(host, LOOP_MODE=LoopMode.BOARD)
+        driven = []
+        for _ in range(40):
+            driven += rows_of(step(host, DriveBoard(1)))
+        assert any(row[1:3] != (0, 0) for row in driven)
+        assert status(host, Safe(SafeReason.LINK_LOST))[0] == State.SAFE
+        host.send(Arm())
+        heard = hear(host, lambda heard: bool(rows_of(heard)))
+        for _ in range(12):
+            heard += step(host, DriveBoard(0))
+        assert {row[1:3] for row in rows_of(heard)} == {(0, 0)}
+
+    # -------------------------------------------------------------------------------------------------- board mode
+
+    def test_a_drive_of_another_mode_is_refused_whatever_the_state(self, host):
+        assert refusal(host, DriveBoard(1)) is NackReason.BAD_STATE
+        self.arm(host, paced=True)
+        assert refusal(host, DriveBoard(1)) is NackReason.BAD_STATE
+
+    def test_optional_messages_that_it_does_not_take_are_counted_and_passed_over(self, host):
+        """No answer, however many come; each takes its number, and nothing else changes."""
+        before = status_of(host)
+        for type_ in (SPEC.messages["ESTIMATE"].type, *SPEC.optional_types):
+            for size in (0, 3, SPEC.messages["ESTIMATE"].size):
+                data, _ = host.link.format.encode(type_, host.tx.seq, 0, bytes(size))
+                host.tx.seq = host.tx.seq + 1 & 0xFFFF
+                host.link.send(data)
+        assert answers(host, 1, QUIET_S) == []
+        after = status_of(host)
+        assert (after.state, after.lost_seq) == (before.state, before.lost_seq)
+        counted = after.bad_frames - before.bad_frames
+        assert counted == 9
 
     # -------------------------------------------------------------------------------------------------- force mode
 
@@ -671,7 +712,7 @@ class Rules:
     # --------------------------------------------------------------------------------------------------- registers
 
     def test_whole_numbers_are_not_rounded(self, host):
-        for name, register in SPEC.registers.items():
+        for name, register in registers_of(host).items():
             before = client.read_register(host, name, PATIENCE_S)
             middle = register.minimum + 0.5
             if register.real:
@@ -687,7 +728,9 @@ class Rules:
 
     def test_only_live_registers_change_while_it_streams(self, host):
         self.arm(host, paced=True)
-        for name, register in SPEC.registers.items():
+        known = registers_of(host)
+        self.arm(host, paced=True)
+        for name, register in known.items():
             value = client.read_register(host, name, PATIENCE_S)
             assert written(host, name, value) is (None if register.live else NackReason.BAD_STATE)
             assert written(host, name, register.minimum - 1) is NackReason.OUT_OF_RANGE
@@ -800,7 +843,7 @@ class Rules:
             assert (nack.of_type, nack.of_seq) == (type_, number)
             return nack
 
-        boards = [layout for layout in SPEC.messages.values() if layout.sender == "board" and not layout.rows]
+        boards = [m for m in SPEC.messages.values() if m.sender == "board" and not m.rows and not m.optional]
         for layout in boards:
             sizes = (layout.size, layout.size + 1, 0)
             if layout.name == "STATUS" and host.link.format is not SERIAL:

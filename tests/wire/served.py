@@ -13,6 +13,7 @@ from hil.wire.link import Link
 from hil.wire.links import open_link
 from hil.wire.messages import Capabilities, ClockMode, Identity, Message, SafeReason, State, Status
 from hil.wire.sense import SenseRow
+from hil.wire.spec import SPEC, Register
 from tests.emulator.gyro import EXAMPLES
 
 PATIENCE_S = 5.0
@@ -102,6 +103,16 @@ def answers(host: Endpoint, count: int, wait_s: float = PATIENCE_S) -> list[Mess
 def status_of(host: Endpoint) -> Status:
     """The board's counters, by way of SAFE for the reason that does not latch: a board in SAFE it leaves as it is."""
     return client.make_safe(host, SafeReason.LINK_LOST, PATIENCE_S)
+
+
+def registers_of(host: Endpoint) -> dict[str, Register]:
+    """The registers that the board has: all but those of optional parts that it does not name."""
+    able = Capabilities(client.connect(host, PATIENCE_S).capabilities)
+    return {
+        name: register
+        for name, register in SPEC.registers.items()
+        if not register.optional or Capabilities[register.optional] in able
+    }
 
 
 def leave(host: Endpoint) -> None:

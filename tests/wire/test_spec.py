@@ -135,7 +135,7 @@ def test_first_difference_names_the_field():
 def test_first_difference_sees_missing_and_additional_lines():
     assert first_difference(SPEC.table, SPEC.table) is None
     short = first_difference(SPEC.table[:-1], SPEC.table)
-    assert short == "this host has Capabilities.PACED (8), the board does not"
+    assert short == "this host has Capabilities.BOARD_MODE (16), the board does not"
     gap = first_difference(SPEC.table[:5] + SPEC.table[6:], SPEC.table)
     assert gap == "this host has SAFE.reason (u8, SafeReason), the board does not"
     twice = first_difference((*SPEC.table, SPEC.table[0]), SPEC.table)

@@ -72,7 +72,7 @@ class ReceiverState(ctypes.Structure):
 
     _fields_ = (
         *_of("bytes frames cobs_errors short crc_errors oversize dropped_bytes"),
-        *_of("lost repeated undecodable tick expected run run_next skipping held"),
+        *_of("lost repeated undecodable passed_over tick expected run run_next skipping held"),
         ("rest", ctypes.c_uint8 * ((MAX_ENCODED + _READ_SIZE + 7) // 8 * 8)),
     )
 

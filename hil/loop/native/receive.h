@@ -100,7 +100,10 @@ static void take_frame(receiver_t *rx, batch_t *batch, const uint8_t *body, size
         return;
     }
     rx->tick = before; /* of what is not understood, the tick is not believed either */
-    rx->undecodable++;
+    if (type >= HIL_OPTIONAL_FIRST && type <= HIL_OPTIONAL_LAST && batch->sizes[type] < 0)
+        rx->passed_over++;
+    else
+        rx->undecodable++;
 }
 
 /* A run of bytes between two delimiters; it is decoded where it stands. */

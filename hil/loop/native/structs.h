@@ -26,7 +26,7 @@ typedef struct {
 /* The receiving direction: hil.wire.framing.Decoder and hil.wire.stream.Receiver. */
 typedef struct {
     int64_t bytes, frames, cobs_errors, too_short, crc_errors, oversize, dropped_bytes;
-    int64_t lost, repeated, undecodable;
+    int64_t lost, repeated, undecodable, passed_over;
     int64_t tick;
     int64_t expected; /* sequence number, NONE before the first */
     int64_t run, run_next;

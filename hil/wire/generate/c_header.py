@@ -45,8 +45,11 @@ _HEADER = """\
 #define HIL_MAX_PAYLOAD {max_payload}u
 /* Longest payload a host sends. */
 #define HIL_MAX_HOST_PAYLOAD {max_host}u
-/* Longest payload a board sends beside SENSE. */
+/* Longest payload a board sends beside SENSE and what is optional. */
 #define HIL_MAX_ANSWER {max_answer}u
+/* First and last type of optional messages: passed over where they are not known. */
+#define HIL_OPTIONAL_FIRST 0x{optional_types[0]:02x}u
+#define HIL_OPTIONAL_LAST 0x{optional_types[1]:02x}u
 
 /* Gain mode: largest spectral radius of A to be armed with, and largest magnitude of a number in DRIVE_GAINS. */
 #define HIL_FILTER_RADIUS {filter_radius}
@@ -71,6 +74,7 @@ typedef struct hil_register {{
     bool writable;
     bool live;  /* may be written in any state, the others only while the board is IDLE or SAFE */
     bool real;  /* holds any number within its limits, the others whole ones */
+    uint32_t optional; /* HIL_CAPABILITIES of the optional part it belongs to, 0 for none */
     double initial;
     double minimum;
     double maximum;
@@ -363,7 +367,8 @@ def _accessors() -> str:
 def _register(register: Register) -> str:
     flags = ", ".join(str(flag).lower() for flag in (register.access == "rw", register.live, register.real))
     numbers = ", ".join(repr(float(value)) for value in (register.default, register.minimum, register.maximum))
-    return f"    {{0x{register.id:04x}u, {flags}, {numbers}}},  /* {register.name}: {register.doc} */"
+    part = f"HIL_CAPABILITIES_{register.optional}" if register.optional else "0u"
+    return f"    {{0x{register.id:04x}u, {flags}, {part}, {numbers}}},  /* {register.name}: {register.doc} */"
 
 
 def _transitions() -> str:
@@ -409,12 +414,13 @@ def header() -> str:
     """Text of hil_spec.h."""
     fields = SPEC.messages["FIELD_VALUE"]
     entries = max(len(entry.text.encode()) for entry in SPEC.table)
-    answers = [m.size for m in SPEC.messages.values() if m.sender != "host" and not m.rows]
+    answers = [m.size for m in SPEC.messages.values() if m.sender != "host" and not m.rows and not m.optional]
     return _HEADER.format(
         notice=_NOTICE,
         protocol=SPEC.protocol,
         hash=SPEC.hash,
         max_payload=SPEC.max_payload,
+        optional_types=SPEC.optional_types,
         max_host=max(m.size for m in SPEC.messages.values() if m.sender != "board"),
         max_answer=max(*answers, fields.size + entries),
         filter_radius=SPEC.filter_radius,

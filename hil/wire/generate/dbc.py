@@ -1,8 +1,8 @@
 """The wire on CAN as a DBC file, for any CAN tool: `python -m hil.wire.generate.dbc [firmware/gyrohil.dbc]`.
 
-One DBC message per identifier of node 0; another node's identifiers are higher by twice its number.  What travels in
-one frame is laid out in full; of a message that may need several, the first fields, and text, which DBC does not know,
-is left out.  Codes have the unit "code": what one is worth is in IDENTITY.
+One DBC message per identifier of node 0; another node's identifiers are higher by twice its number.  All fields are
+laid out, those of a message of several frames by the number of the part; text, which DBC does not know, is left out.
+Codes have the unit "code": what one is worth is in IDENTITY.
 """
 
 import sys
@@ -66,7 +66,7 @@ class _Message:
         return "\n".join((head, *(signal.line(_NODES[1 - self.sender]) for signal in self.signals)))
 
 
-def _signals(fields: Iterable[Field], start: int, multiplexer: str = "") -> Iterator[_Signal]:
+def _signals(fields: Iterable[Field], start: int) -> Iterator[_Signal]:
     """The fields, from bit `start` on; an array as one signal per number, text not at all."""
     for field in fields:
         if not field.bits:
@@ -74,7 +74,7 @@ def _signals(fields: Iterable[Field], start: int, multiplexer: str = "") -> Iter
         each = field.bits // field.count
         for k in range(field.count):
             name = field.name if field.count == 1 else f"{field.name}_{k}"
-            yield _Signal(name, start, each, field.type[0], field.unit, field.doc, multiplexer)
+            yield _Signal(name, start, each, field.type[0], field.unit, field.doc)
             start += each
 
 
@@ -117,22 +117,33 @@ def _messages() -> Iterator[_Message]:
     for name, layout in SPEC.messages.items():
         if name in can.classic or layout.rows:
             continue
+        several = layout.open_ended or start // 8 + layout.size > can.lengths[-1]
         for sender in {"host": (HOST,), "board": (BOARD,), "either": (HOST, BOARD)}[layout.sender]:
-            # Where a message may go on in another frame, only its first part has the fields.
-            head = [
-                replace(s, multiplexer="M") if layout.open_ended and s.name == "part" else s
-                for s in _signals(can.header, 0)
-            ]
+            # Where a message goes on in another frame, each part has fields of its own.
+            head = [replace(s, multiplexer="M") if several and s.name == "part" else s for s in _signals(can.header, 0)]
             taken = {s.name for s in head}
             body = [
                 replace(s, name=f"{name.lower()}_{s.name}") if s.name in taken else s
-                for s in _signals(layout.fields, start, "m0" if layout.open_ended else "")
+                for s in _in_parts(layout.fields, start, several=several)
             ]
-            size = can.lengths[-1] if layout.open_ended else _legal(start // 8 + layout.size)
+            size = can.lengths[-1] if several else _legal(start // 8 + layout.size)
             answer = "_ANSWER" if layout.sender == "either" and sender == BOARD else ""
             yield _Message(
                 name + answer, can.identifier(layout.type, 0, sender), sender, size, _FD, layout.doc, (*head, *body)
             )
+
+
+def _in_parts(fields: Iterable[Field], start: int, *, several: bool) -> Iterator[_Signal]:
+    """The fields behind the header, which ends at bit `start`; of `several` frames each in the part that it lies in.
+
+    Raises ValueError for one that lies across two frames, which no DBC can say.
+    """
+    room = 8 * SPEC.can.lengths[-1] - start
+    for signal in _signals(fields, 0):
+        part, place = divmod(signal.start, room)
+        if several and place + signal.bits > room:
+            raise ValueError(f"{signal.name}: lies across two CAN frames; order the fields otherwise")
+        yield replace(signal, start=start + place, multiplexer=f"m{part}" if several else "")
 
 
 def _values(signal: _Signal) -> dict[int, str]:

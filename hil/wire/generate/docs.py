@@ -67,7 +67,7 @@ one closest to the last.
 | FIELD_READ, line by line, if the spec hashes differ | FIELD_VALUE |
 | REGISTER_WRITE: clock mode, loop mode, block, watchdog, limits, filter | REGISTER_VALUE |
 | ARM | STATUS (ARMED), then SENSE from the next tick on; in ARMED only STATUS again |
-| DRIVE_FORCE for each row, or DRIVE_GAINS for each block | STATUS (RUNNING) at the first one, SENSE |
+| DRIVE_FORCE for each row, DRIVE_GAINS or DRIVE_BOARD for each block | STATUS (RUNNING) at the first one, SENSE |
 | SAFE | STATUS (SAFE) |
 | TIME_SYNC, at any time | TIME_SYNC |
 
@@ -79,6 +79,7 @@ own: each says what is to be, not what is to change.
 **When the specs differ.** The spec hash is the CRC-32C of the field table: one line (message, field, type, scale,
 separated by tabs; lines by a line feed, none after the last) for everything below, wording left out. It is
 published as [field-table.tsv](reference/field-table.tsv), {lines} lines; the CRC-32C of that file is the spec hash.
+What is [optional](#optional-messages) has no line in it.
 A FIELD_READ beyond the last line is refused (OUT_OF_RANGE).
 The host tells both protocol numbers, where they differ, and both hashes. It reads the board's table and names the first
 line that differs, or says that the board refuses FIELD_READ. [What changed](reference/wire-changes.md) with each
@@ -110,7 +111,8 @@ that is not a repetition is judged in this order:
 |---|---|---|
 | SAFE | never refused | no |
 | a type that only boards send, of any length | NACK, NOT_SUPPORTED | no |
-| a type that is not on this page, also what only CAN has | NACK, UNKNOWN_TYPE | yes |
+| an optional message that it does not know or does not take, of any length | none | yes |
+| another type that is not on this page, also what only CAN has | NACK, UNKNOWN_TYPE | yes |
 | a length that is not the message's | NACK, BAD_LENGTH | yes |
 | a state in which it is not taken (state table) | NACK, BAD_STATE or LATCHED | no |
 | a value that is not taken (of registers: below) | NACK, OUT_OF_RANGE or NOT_SUPPORTED | no |
@@ -128,10 +130,10 @@ watchdog.
 5. NOT_SUPPORTED: a CLOCK_MODE that the board cannot keep, a LOOP_MODE that it cannot close the loop in, or a BLOCK that
    it has no memory for.
 
-Every board has every register of this page; UNKNOWN_REGISTER is for other numbers. A board that closes the loop in one
-mode only names that mode in `capabilities` and starts with it in LOOP_MODE. It takes that mode when it is written, and
-refuses the other one by NOT_SUPPORTED. The registers of the mode it lacks hold what is written and do nothing. A drive
-frame of that mode is refused in every state (BAD_STATE).
+Every board has every register of this page but those of optional parts that it lacks; UNKNOWN_REGISTER is for these and
+for other numbers. A board names the modes in which it closes the loop in `capabilities` and starts with one of them in
+LOOP_MODE. It takes those when they are written, and refuses the others by NOT_SUPPORTED. The registers of a mode it
+lacks hold what is written and do nothing. A drive frame of that mode is refused in every state (BAD_STATE).
 
 A register gives back the very double that was written. All keep their values in every state; only a start of
 the board brings the defaults back.
@@ -183,7 +185,8 @@ Anything else is undecodable to a host: it is counted, no row of it is used, and
 
 ## What a host does with what it hears
 
-What it cannot understand, an unknown type or a length that is not the message's, it counts and drops. What it can, but
+What it cannot understand, an unknown type or a length that is not the message's, it counts and drops. Optional messages
+and bits of `capabilities` that it does not know it passes over, and says so in the remarks of the run. What it can, but
 what no board that keeps to this page says, ends the run, with SAFE and a line that names it:
 
 | what is heard | what the host makes of it |
@@ -197,6 +200,9 @@ what no board that keeps to this page says, ends the run, with SAFE and a line t
 | IDENTITY after ARM | ends the run: it answers HELLO only, so another host has greeted the board |
 | SENSE, force mode: after RUNNING, not the drive sent for that interval | ends the run, if another row follows |
 | SENSE, gain mode: a matrix that cannot be in force, or 0 after one | ends the run, if another block follows |
+| SENSE, board mode: a drive beyond DRIVE_LIMIT, or one that was not permitted | ends the run |
+| ESTIMATE: a number that is not finite, a negative deviation | ends the run |
+| ESTIMATE: once it drives, an entry that no device as declared has | ends the run |
 | STATUS_BRIEF | passed over on CAN, an unknown type elsewhere |
 
 In force mode a row flagged HELD shows the drive of the row before; one flagged SATURATED may show less than was sent.
@@ -238,8 +244,34 @@ with 0xA3000000 by exclusive or. The sequence has maximum length.
 Each SENSE names the matrix its last row's drive was computed with. The first DRIVE_GAINS makes an ARMED board
 RUNNING, when it comes. The watchdog counts ticks without DRIVE_GAINS, and a late one feeds it, as it is taken. A
 board in lockstep goes on by one block with each DRIVE_GAINS. HELD is never flagged; SATURATED says that the drive
-*computed* at a row of the block had to be limited. DRIVE_FORCE is refused in this mode, DRIVE_GAINS in the other
+*computed* at a row of the block had to be limited. DRIVE_FORCE is refused in this mode, DRIVE_GAINS in the others
 (NACK, BAD_STATE).
+
+## Board mode
+
+With LOOP_MODE = BOARD the board's own estimator closes the loop, and the host only permits it to. The estimator begins
+anew at ARM. At every tick m of a streaming board it takes the codes just sampled and the drive of the row, and computes
+the drive for the interval that begins at m + L. That is rounded, and limited as in gain mode.
+
+The host sends DRIVE_BOARD for each block. The first one makes an ARMED board RUNNING; the watchdog counts ticks without
+one; a board in lockstep goes on by one block with each. So a host that is gone ends in SAFE, WATCHDOG. Its `drive`
+holds until the next one: at 1 the computed drive is applied, at 0 zero is applied in its place. It acts on drives that
+are computed from then on. Nothing that DRIVE_BOARD brings is ever late. ARM and SAFE forget it, and behind ARM the
+drive is zero until a frame permits one. SENSE echoes the drive as applied, `matrix_id` is 0, HELD is never flagged.
+
+## Optional messages
+
+What is optional comes in parts: messages, registers and enumerations that belong to one bit of `capabilities`. It
+stands outside of the spec hash, so that one more part needs no new protocol number. For that
+
+- a published part never changes: what is to be otherwise is another part, with a type and a bit of its own;
+- types {optional_first} to {optional_last} are for optional messages, known or to come;
+- a host uses a part only of a board that names its bit, and a board sends such messages only when a register asks for
+  them;
+- whoever hears an optional message that it does not know, or does not take, counts it and passes over it. No NACK
+  answers it. It takes its number in the sequence, and its tick is not believed.
+
+{optional}
 """
 
 _CAN = """\
@@ -326,7 +358,7 @@ def _field_rows(fields: Iterable[Field], prefix: str = "") -> Iterator[tuple[str
 
 def _message(layout: Layout) -> str:
     size = f"{layout.size} byte{'' if layout.size == 1 else 's'}" + (" and more" if layout.open_ended else "")
-    frozen = ", *frozen*" if layout.frozen else ""
+    frozen = ", *frozen*" * layout.frozen + f", *optional*: {layout.optional}" * bool(layout.optional)
     parts = [f"### {layout.name}", f"`0x{layout.type:02x}`, {_SENDER[layout.sender]}, {size}{frozen}. {layout.doc}"]
     rows = [*_field_rows(layout.fields), *_field_rows(layout.rows, "row: ")]
     if rows:
@@ -359,7 +391,7 @@ def _registers() -> str:
         (
             f"`0x{r.id:04x}`",
             r.name,
-            r.access + ", live" * r.live + ", real" * r.real,
+            r.access + ", live" * r.live + ", real" * r.real + f", optional: {r.optional}" * bool(r.optional),
             f"{r.minimum:.15g} … {r.maximum:.15g}",
             f"{r.default:.15g}",
             "" if r.unit == "1" else r.unit,
@@ -377,6 +409,15 @@ def _registers() -> str:
 def _enumeration(enum: Enumeration) -> str:
     values = ", ".join(f"`{value}` {name}" for name, value in enum.members.items())
     return f"**{enum.name}**{' (bits)' if enum.flags else ''}: {enum.doc} {values}."
+
+
+def _optional() -> str:
+    """The parts there are, one paragraph each."""
+    parts = []
+    for part in SPEC.optional.values():
+        what = [f"message {name}" for name in part.messages] + [f"register {name}" for name in part.registers]
+        parts.append(f"**{part.name}** (bit `{part.bit}`): {part.doc} It has {', '.join(what)}.")
+    return "\n\n".join(parts)
 
 
 def render() -> str:
@@ -397,6 +438,9 @@ def render() -> str:
         watchdog_s=SPEC.watchdog_s,
         filter_radius=SPEC.filter_radius,
         area=SPEC.filter_radius**2,
+        optional_first=f"`0x{SPEC.optional_types[0]:02x}`",
+        optional_last=f"`0x{SPEC.optional_types[1]:02x}`",
+        optional=_optional(),
         frame_table=_table(("field", "type", "unit", ""), _field_rows(SPEC.frame)),
     )
     order = "Types are ordered by urgency: on CAN the type goes into the identifier, and the lowest wins."

@@ -19,8 +19,11 @@ from hil.wire.frame_format import BOARD, HOST
 from hil.wire.framing import encode_frame
 from hil.wire.messages import (
     Arm,
+    DriveBoard,
     DriveForce,
     DriveGains,
+    Estimate,
+    EstimateFlags,
     FieldRead,
     FieldValue,
     Hello,
@@ -73,6 +76,11 @@ def _messages() -> Iterator[tuple[str, int, int, Message]]:
     yield "", 7, 9, DriveGains(1, (1.0, -0.5, 0.25, 0.0, -1.0, 0.5, -0.25, 2.0), (3.0, -4.0), 10)
     yield "", 8, 100, Nack(type_of(DriveGains), 7, NackReason.NOT_SUPPORTED)
     yield "", 8, 100, Safe(SafeReason.INTERRUPTED)
+    yield "", 9, 100, DriveBoard(1)
+    numbers = (1e-4, -0.125, 2.5e-5, 0.25, 0.006, -0.004, 1.0, 1.602e6, 1.561e6, -1.2e4, 1.5, 1.25, 0.0625, 7.5)
+    deviations = [2.0**-k for k in range(3, 17)]
+    driving = EstimateFlags.VALID | EstimateFlags.DRIVING
+    yield "", 10, 7, Estimate._make((7, 0x3FFF, driving, *numbers, *deviations))
     yield "counters at their end", 9, most, Status(4, 4, most, most, most, most, most, most, most, most)
 
 
