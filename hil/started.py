@@ -45,13 +45,13 @@ class Started:
         return (replace(board, latency_ticks=latency_ticks) if latency_ticks else replace(board, rate_Hz=rate_Hz)).url
 
 
-def measured(bench: Bench, link: str, progress: Watcher) -> Started:
-    """By a rehearsal on this very link. Raises as `rehearse`."""
+def measured(bench: Bench, link: str, progress: Watcher, *, becomes: str = "is started") -> Started:
+    """By a rehearsal on this very link; `becomes` says whether the board is then started. Raises as `rehearse`."""
     found = rehearse(bench, link, progress)
     if found is None:
         return Started(None, f"measured: too few answers in {MEASURED_S:g} s; {_LOCKSTEP}")
     late, latency_ticks = found
-    return _chosen(f"measured for {MEASURED_S:g} s", late, bench, own_setting(bench, latency_ticks))
+    return _chosen(f"measured for {MEASURED_S:g} s", late, bench, own_setting(bench, latency_ticks), becomes=becomes)
 
 
 def after_late(run: RunFolder, bench: Bench, started: Started) -> Started | None:
@@ -70,7 +70,15 @@ def after_late(run: RunFolder, bench: Bench, started: Started) -> Started | None
     return _chosen(told, late, bench, own_setting(bench, 1), after=started.setting)
 
 
-def _chosen(told: str, late: Lateness, bench: Bench, own: Setting, after: Setting | None = None) -> Started:
+def _chosen(
+    told: str,
+    late: Lateness,
+    bench: Bench,
+    own: Setting,
+    *,
+    after: Setting | None = None,
+    becomes: str = "is started",
+) -> Started:
     was = after or own
     before = late.share(was.waits_s, bench.loop.duration_s)
     limit = percent(bench.limits.late_fraction, 2)
@@ -79,5 +87,5 @@ def _chosen(told: str, late: Lateness, bench: Bench, own: Setting, after: Settin
     if best is None:
         return Started(None, f"{words}; {_LOCKSTEP}")
     margin = "" if best.safely else ", a margin that is smaller than wanted"
-    chosen = f"the board is started with {best.line}{margin}"
+    chosen = f"the board {becomes} with {best.line}{margin}"
     return Started(best.setting, f"{words}; {chosen}")

@@ -122,8 +122,9 @@ def _show_what_is_held(bench: "Bench", url: str) -> None:
 
     if is_emulated(url):
         with watching("what this machine holds") as watch:
-            print(printable(f"machine    {measured(bench, url, watch).words}"))
+            found = measured(bench, url, watch, becomes="would be started")
+            print(printable(f"machine    {found.words}"))
         return
-    _, found = link.examine(url)
-    if found is not None:
-        print_holds(found["holds"])
+    _, there = link.examine(url)
+    if there is not None:
+        print_holds(there["holds"])

@@ -18,7 +18,7 @@ from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 
 _ASKED = 8  # times within the patience: lines lose frames
-_LONGER = 3.0  # borne than while it ran: SAFE is confirmed, nothing drives, and a machine may stand still meanwhile
+_PATIENCE_S = 2.0  # at least, as for any register: SAFE is confirmed, and a machine may stand still meanwhile
 _STREAMING = (State.ARMED, State.RUNNING)
 
 
@@ -51,18 +51,22 @@ def ask_again(endpoint: Endpoint, probe: Message, registers: Mapping[str, float]
     try:
         _offer(endpoint, probe, patience_s, asked)
         if not asked.drives:
-            _read(endpoint, registers, _LONGER * patience_s, asked)
+            _read(endpoint, registers, max(patience_s, _PATIENCE_S), asked)
     except WireError as error:  # what the board said before stands
         asked.odd.append(f"it could not be asked once more: {error}")
     return asked
 
 
 def _offer(endpoint: Endpoint, probe: Message, patience_s: float, asked: Asked) -> None:
-    """Whether the board refuses a drive, as it does in SAFE and nowhere else."""
+    """Whether the board refuses a drive, as it does in SAFE and nowhere else.  One that says nothing may be waiting for
+    the machine it runs on; one that still streams after `patience_s` is not waited for.
+    """
     begin = time.monotonic()
+    longest = max(patience_s, _PATIENCE_S)
     sent: list[int] = []
     rows = 0
-    while (now := time.monotonic()) < begin + patience_s and len(sent) < _ASKED:
+    waits = endpoint.link.fileno() is not None  # within this process an answer is there at once
+    while (now := time.monotonic()) < begin + (patience_s if rows else longest) and (waits or len(sent) < _ASKED):
         sent.append(endpoint.tx.seq)
         endpoint.send(probe)
         again = now + patience_s / _ASKED
@@ -79,7 +83,7 @@ def _offer(endpoint: Endpoint, probe: Message, patience_s: float, asked: Asked) 
                     asked.drives = f"STATUS then says {State(message.state).name}"
                     return
                 rows += len(message.codes) if isinstance(message, Sense) else 0
-            if time.monotonic() >= again or (not items and endpoint.link.fileno() is None):
+            if time.monotonic() >= again or (not items and not waits):
                 break
     if rows:
         asked.drives = "it takes a drive and streams"

@@ -25,6 +25,7 @@ from hil.loop.stopping import bring_to_safe
 from hil.loop.stops import Safety, alarm_of
 from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
+from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError, WireError
 from hil.wire.links import open_link
@@ -85,7 +86,7 @@ def supervise(
         order = replace(order, control=control.fileno())
         control.close()
     assert worker.stdin is not None
-    followed = _Followed(worker, progress, lambda: _confirm(order.link, bench, board))
+    followed = _Followed(worker, progress, lambda unique_id: _confirm(order.link, bench, board, unique_id))
     in_time = nullcontext() if bench.loop.clock == "lockstep" else line_workers.ahead(order.link)
     with in_time, worker, _ctrl_c(followed.interrupt):
         with suppress(BrokenPipeError):  # it died before it read its order
@@ -121,7 +122,7 @@ class _Followed:
     """The process, and what it has said."""
 
     def __init__(
-        self, worker: "subprocess.Popen[bytes]", progress: Watcher, confirm: Callable[[], dict[str, Any]]
+        self, worker: "subprocess.Popen[bytes]", progress: Watcher, confirm: Callable[[int], dict[str, Any]]
     ) -> None:
         assert worker.stdout is not None
         self._worker = worker
@@ -129,7 +130,7 @@ class _Followed:
         self._progress = progress
         self._confirm = confirm
         self._rest = b""
-        self._armed = False
+        self._armed: int | None = None  # unique id of the board
         self._until_s: float | None = None  # once it has died
         self.interrupted = 0
         self.outcome: dict[str, Any] = {}
@@ -166,8 +167,10 @@ class _Followed:
         if not ready:  # the recorder does not end; what it has written is there
             return False
         self._until_s = time.monotonic() + _RECORD_S
-        if self._armed and self.safety is None and not self.outcome:  # the board is seen to before the record is
-            self._stopped(self._confirm())
+        if (
+            self._armed is not None and self.safety is None and not self.outcome
+        ):  # the board is seen to before the record is
+            self._stopped(self._confirm(self._armed))
         return True
 
     def _hear(self, data: bytes) -> None:
@@ -180,7 +183,7 @@ class _Followed:
             elif "fault" in said:
                 self.fault = said["fault"]
             elif "armed" in said:
-                self._armed = True
+                self._armed = said["board"]
             elif "safety" in said:
                 self._stopped(said["safety"])
             else:
@@ -208,20 +211,28 @@ def _ctrl_c(act: Callable[[], None]) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _confirm(link: str, bench: Bench, board: "Served") -> dict[str, Any]:
-    """What this process can do for a board that the loop left driven: tell it to be SAFE, and listen."""
+def _confirm(link: str, bench: Bench, board: "Served", unique_id: int) -> dict[str, Any]:
+    """What this process can do for a board that the loop left driven: tell it to be SAFE, and listen.
+
+    A link is found again by its name, which another board, or program, may have by then: what answers there has to be
+    the board that was driven.
+    """
     safety = Safety(armed=True)
     if link.startswith("inproc:"):
         safety.words = "the emulated board ended with the loop's process"
         return safety.told
     try:
         with closing(open_link(link)) as opened:
+            endpoint = Endpoint(opened)
             stopped = bring_to_safe(
-                Endpoint(opened), SafeReason.LINK_LOST, bench.link.timeout_s, rate_Hz=bench.device.sample_rate_Hz
+                endpoint, SafeReason.LINK_LOST, bench.link.timeout_s, rate_Hz=bench.device.sample_rate_Hz
             )
             safety.confirmed, safety.words = stopped.confirmed, stopped.why
             if stopped.status is not None:
                 safety.confirmed_tick = stopped.status.tick
+            if stopped.confirmed and (there := client.connect(endpoint).unique_id) != unique_id:
+                safety.confirmed, safety.confirmed_tick = False, None
+                safety.words = f"another board answers at {link}: {there:016x}, {unique_id:016x} was driven"
     except WireError as error:
         safety.confirmed, safety.words = False, f"the board cannot be reached any more: {error}"
     if not safety.confirmed and board.ends_within(_EMULATED_S):

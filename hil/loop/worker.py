@@ -241,6 +241,7 @@ class _Driven:
         self._lockstep = bench.loop.clock == "lockstep"
         self._samples = round(bench.loop.duration_s * identity.tick_rate_Hz)
         self._rate_Hz = identity.tick_rate_Hz
+        self._board = identity.unique_id
         self._done = 0
         self.stopped = ""
         self.failed: list[str] = []
@@ -305,7 +306,7 @@ class _Driven:
         if loop.stop:  # asked to end before it began: nothing is armed
             self.stopped = "stopped on request"
             return
-        self._tell(armed=True)
+        self._tell(armed=True, board=self._board)
         meter = LoadMeter(self._recording.busy_s)
         failed: OSError | WireError | None = None
         try:

@@ -690,6 +690,20 @@ class Skips(Board):
                 self.tx.seq = (self.tx.seq + self.ticks) & 0xFFFF
 
 
+class Starved(Board):
+    """Says SAFE, and is then kept from its processor: its answers come, later than any while it ran."""
+
+    def __init__(self, kept_s: float, at: Callable[[Message], bool]) -> None:
+        super().__init__()
+        self.kept_s, self.at = kept_s, at
+
+    def answer(self, item: Received) -> list[Message]:
+        if self.safes and self.kept_s and self.at(item.message):
+            time.sleep(self.kept_s)
+            self.kept_s = 0.0
+        return super().answer(item)
+
+
 class Mute(Board):
     """Says SAFE, stops, and answers nothing any more."""
 

@@ -9,6 +9,7 @@ import re
 import numpy as np
 import pytest
 
+from hil import started
 from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.loop.preflight import require_suitable
@@ -94,6 +95,14 @@ def test_after_a_run_the_latency_grows_and_lockstep_is_the_end() -> None:
         assert int(found[1]) > latency
         latency = int(found[1])
     assert been[0].startswith("hil run bench.toml --link 'pty:s-slow?latency=10'")
+
+
+@pytest.mark.parametrize("becomes", ["is started", "would be started"])
+def test_a_look_without_a_run_says_what_would_be_started(monkeypatch: pytest.MonkeyPatch, becomes: str) -> None:
+    bench = gyro.bench(12.0, "paced", limits={"late_fraction": 0.05})
+    monkeypatch.setattr(started, "rehearse", lambda *_: (late_run("pty:s-slow", bench)[1], 1))
+    found = started.measured(bench, "pty:s-slow", lambda _: None, becomes=becomes)
+    assert f"; the board {becomes} with latency 10 ticks" in found.words
 
 
 def test_of_a_board_of_ones_own_the_latency_is_named() -> None:

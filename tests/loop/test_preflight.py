@@ -246,6 +246,17 @@ def test_each_that_reads_otherwise_is_refused(ends: tuple[Endpoint, Far], name: 
         configure(host, GOOD, bench())
 
 
+@pytest.mark.parametrize(
+    "name", [f"FILTER_{name}" for name in ("A11", "A12", "A21", "A22", "B1", "B2", "C1", "C2", "DELAY")]
+    + ["DITHER_AMPLITUDE", "DITHER_SEED"],
+)  # fmt: skip
+def test_each_of_gain_mode_that_reads_otherwise_is_refused(ends: tuple[Endpoint, Far], name: str) -> None:
+    host, far = ends
+    Registers(far).kept[NUMBER[name]] = 77.0
+    with pytest.raises(ProtocolError, match=rf"{name} reads 77 after .* was written"):
+        configure(host, GOOD, bench(loop=GAIN))
+
+
 def test_one_that_changes_with_a_later_one_is_seen(ends: tuple[Endpoint, Far]) -> None:
     """All of them are read once more when the last one is written."""
     host, far = ends

@@ -5,19 +5,20 @@ Each of these was seen to end with verdict good, a traceback, or not at all.
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 
 from hil.bench import Bench
 from hil.errors import InputError
+from hil.loop import supervision
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.wire.codec import type_of
 from hil.wire.errors import ProtocolError, WireError
-from hil.wire.messages import DriveForce, Message, Nack, NackReason, SafeReason, SenseFlags, State
+from hil.wire.messages import DriveForce, Message, Nack, NackReason, RegisterRead, SafeReason, SenseFlags, State
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received
 from tests.loop import gyro, misbehaving
@@ -546,6 +547,35 @@ def test_what_no_board_does_fails_a_run_that_it_does_not_end(tmp_path: Path, clo
     assert words in safety.reason
     assert "firmware" in (safety.next or "")
     assert board.state is State.SAFE
+
+
+@pytest.mark.beyond(2)
+@pytest.mark.parametrize(
+    "at",
+    [
+        lambda message: isinstance(message, DriveForce),
+        lambda message: message == RegisterRead(SPEC.registers["DRIVE_LIMIT"].id),
+    ],
+)
+def test_a_board_that_waits_for_its_processor_in_safe_is_not_accused(tmp_path: Path, at: Any) -> None:
+    with served(misbehaving.Starved(1.2, at)) as board:
+        result = go(board, bench(2.5, link={"timeout_s": 0.2}), tmp_path)
+    assert result.parts["safety"].outcome == "good", result.parts["safety"]
+
+
+@pytest.mark.parametrize(("driven", "confirmed"), [(0xBAD, True), (0xBEEF, False)])
+def test_after_a_dead_loop_the_board_that_answers_is_the_one_that_was_driven(driven: int, confirmed: bool) -> None:
+    """Another may have the link's name by then; it is told to be SAFE, and speaks for nobody else."""
+
+    class NotOurs:
+        def ends_within(self, _: float) -> bool:
+            return False
+
+    with served(Board()) as board:
+        told = supervision._confirm(board.url, bench(2.5, link={"timeout_s": 1.0}), cast(Any, NotOurs()), driven)
+    assert told["confirmed"] is confirmed
+    assert ("another board answers at" in told["words"]) is not confirmed
+    assert ("0000000000000bad, 000000000000beef was driven" in told["words"]) is not confirmed
 
 
 @pytest.mark.beyond(1)
