@@ -5,13 +5,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.core.arguments import Arguments
+from estimator.core.library import LIBRARY
 from estimator.errors import ModelError
-from estimator.kernel.gain_matrix import Filter, exponential, filtered_motion, gain_matrix
 from estimator.observer import Observer
 from estimator.scaling import Array
 
 RADIUS = 0.7
 _UNCHANGED = 0.25  # of a hold's work may be done with one matrix: it is measured before and replaced after
+_FOLDING = Arguments(
+    ("delay",), ("settings", "memory", "x", "a", "b", "c", "gain", "bias", "motion"), ("fastest", "ahead")
+)
 _CONDITION = 1e6  # of the signals by the motion; beyond it rounding and noise are all there is
 
 
@@ -54,16 +58,17 @@ class GainMatrix:
     def __init__(self, observer: Observer, board: BoardFilter) -> None:
         self._observer = observer
         a, b, c = (np.array(part, dtype=float) for part in (board.a, board.b, board.c))
-        self._filter = Filter(a, b, c, board.delay)
         self._gain = np.zeros((2, 4))
         self._bias = np.zeros(2)
         drives, senses = (_signs(observer, f"{channel}_polarity") for channel in ("drive", "sense"))
         self._turns = np.outer(drives, np.repeat(senses, 2))
         self._still = np.linalg.solve(np.eye(2) - a, b + c)  # what the filter makes of a constant code
-        settings = observer.arrays.settings[0]
-        swing = np.kron(np.eye(2), [[0.0, 1.0], [-1.0, 0.0]])
-        nominal = exponential(swing, observer.h, int(settings["order"]))
-        signals = filtered_motion(settings, nominal, self._filter)
+        arrays, signals = observer.arrays, np.zeros((4, 4))
+        self._folding = _FOLDING(
+            delay=board.delay, settings=arrays.settings, memory=arrays.memory, x=arrays.x, a=a, b=b, c=c,
+            gain=self._gain, bias=self._bias, motion=signals,
+        )  # fmt: skip
+        LIBRARY.gyro_filtered_swing(self._folding)
         if not np.linalg.cond(signals) < _CONDITION:
             raise ModelError(
                 f"a filter over {board.delay} samples ({board.delay * observer.h / math.pi:.3g} half cycles) "
@@ -83,10 +88,9 @@ class GainMatrix:
         if not np.isfinite(observer.x).all():
             return self._gain, self._bias
         arrays = observer.arrays
-        gain_matrix(
-            arrays.settings, arrays.memory, arrays.x, self._filter,
-            _UNCHANGED / (horizon * observer.h), ahead * observer.h, self._gain, self._bias,
-        )  # fmt: skip
+        asked = self._folding.contents
+        asked.fastest, asked.ahead = _UNCHANGED / (horizon * observer.h), ahead * observer.h
+        LIBRARY.gyro_gain_matrix(self._folding)
         if np.any(self._turns < 0.0):
             # An offset is added to what a channel shows, whichever way round that is.
             self._gain *= self._turns

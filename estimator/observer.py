@@ -5,20 +5,14 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.carried_angle import CarriedAngle
-from estimator.dither import dither_start
-from estimator.effects.catalogue import effect_for
-from estimator.effects.declaration import OF_THE_WAY, OWN, Delayed, Effect, Source, can_be_specialised
-from estimator.errors import ModelError
-from estimator.kernel import block, steps
-from estimator.kernel.layout import (
-    LONGEST_STEP,
+from estimator.core.filter import Filter
+from estimator.core.layout import (
     MAX_EFFECTS,
     MAX_ENTRIES,
     MAX_LATENCY,
@@ -28,9 +22,12 @@ from estimator.kernel.layout import (
     OUTPUT,
     SETTINGS,
 )
-from estimator.kernel.own import address
-from estimator.kernel.structures import Arrays
-from estimator.kernel.taylor import taylor_order
+from estimator.core.structures import Arrays
+from estimator.core.taylor import taylor_order
+from estimator.dither import dither_start
+from estimator.effects.catalogue import effect_for
+from estimator.effects.declaration import OF_THE_WAY, OWN, Delayed, Effect, Source, name_of
+from estimator.errors import ModelError
 from estimator.model.catalogue import model_for
 from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
@@ -157,14 +154,12 @@ class Observer:
         self._prior = self._spread / forgotten if forgotten > 0.0 else np.zeros(len(self.active))
         self._table = np.zeros((1, 1, n, self.device.axes))
         self._rows = np.zeros(1, OUTPUT)
-        self._codes = np.zeros(2)
         if settings.gain is Gain.STATIONARY:
             from estimator.stationary import stationary_table
 
             self._table = stationary_table(self)
         self._carried_angle: CarriedAngle | None = None  # while the motion is found anew
-        self._step: ModuleType | None = None
-        self._has_step = False
+        self._filter: Filter | None = None
 
     # -- construction ------------------------------------------------------------------------------------------------
 
@@ -257,7 +252,6 @@ class Observer:
         ignored = settings.spread.offset if settings.variant is Variant.GYRO else 0.0
         record["two_covariances"] = fading or ignored > 0.0
         self._require_senses(device)
-        record["general"] = self._senses_otherwise or not steps.wanted()
         for axis, sensed in enumerate(device.sensed):
             record["sensed"][0, axis] = sensed.value
         for axis in range(device.axes):
@@ -297,22 +291,23 @@ class Observer:
         for path in ("sense_delay", "drive_delay", "watched_sense_delay", "watched_drive_delay"):
             record[path] = -1
         for index, (number, effect) in enumerate(self.effects):
-            code = address(effect, self.model) if number == OWN else number
+            code = self._address_of(effect) if number == OWN else number
             record["effects"][0, index] = code, first, signals
             if effect.delayed is not None:
                 record[f"{'' if index < self.carried else 'watched_'}{effect.delayed.value}_delay"] = first
             given = self.settings.effects[effect.name]
             scaled = {
-                p.symbol: given[p.name] / self.scaling.coefficient(p) if p.name in given else p.default
+                name_of(p): given[p.name] / self.scaling.coefficient(p) if p.name in given else p.default
                 for p in effect.parameters
             }
-            symbols = [coefficient.symbol for coefficient in effect.coefficients]
+            symbols = [name_of(coefficient) for coefficient in effect.coefficients]
             for signal in effect.signals:
                 if signals == MAX_SIGNALS:
                     raise ModelError(f"more than {MAX_SIGNALS} signals for the effects; leave one of them out")
-                behind = first + symbols.index(signal.behind) if signal.behind in symbols else -1
+                one = name_of(signal, "behind")
+                behind = first + symbols.index(one) if one in symbols else -1
                 record["signals"][0, signals] = signal.source.value, signal.axis, behind
-                one = signal.symbol if signal.source is Source.PARAMETER else signal.behind
+                one = name_of(signal) if signal.source is Source.PARAMETER else one
                 own = [scaled[one]] if one in scaled else list(scaled.values())[:2]
                 record["signal_parameters"][0, signals, : len(own)] = own
                 if signal.source in OF_THE_WAY and signal.axis < self.device.axes and index < self.carried:
@@ -326,10 +321,16 @@ class Observer:
             kinked = any(signal.source in (Source.DIRECTION, *OF_THE_WAY) for signal in effect.signals)
             if index < self.carried and kinked:
                 record["kinked"] = 1
-            record["pushes"] += index < self.carried and any(force != 0 for force in effect.force)
+            record["pushes"] += index < self.carried and effect.pushes
         record["effect_count"] = self.carried
         record["candidate_count"] = len(self.effects) - self.carried
         record["signal_count"] = signals
+
+    def _address_of(self, effect: Effect) -> int:
+        """Of the code of an effect that is not of the catalogue."""
+        from estimator.core.own import address  # and SymPy, which prints it
+
+        return address(effect, self.model)
 
     def _control(self, record: NDArray[np.void], controller: ControllerSettings) -> None:
         if not 0 <= controller.latency <= MAX_LATENCY:
@@ -352,48 +353,28 @@ class Observer:
         for axis in range(2):
             record["sense_scale"][0, axis] = controller.sense_quantum / scaling.sense(axis)
 
-    # -- a step of its own -------------------------------------------------------------------------------------------
+    # -- in C ---------------------------------------------------------------------------------------------------------
 
     @property
-    def may_have_step(self) -> bool:
-        """Whether there is a step for its effects alone (`estimator.kernel.generate.step`), be it compiled or not."""
-        whole = self.settings.variant is Variant.FULL and self.settings.gain is Gain.FADING
-        if not self.effects or self.carried < len(self.effects) or not whole or self.device.axes != 2:
-            return False
-        if self._senses_otherwise:
-            return False
-        return self.h <= LONGEST_STEP and can_be_specialised([effect for _, effect in self.effects])
-
-    def compile_step(self) -> None:
-        """Go through the step of its effects from now on, where it may have one; compiled, some seconds, where the
-        cache has none.  Nobody else has it: what a computation gives to the last digit does not depend on the cache.
-        """
-        declared = [effect for _, effect in self.effects]
-        if not self.may_have_step or not steps.wanted():
-            return
-        if not steps.is_compiled(self.model, declared):
-            other = Observer(self.device, self.settings, self._controller)
-            other._has_step = True
-            other.run(np.zeros((1, 2)), np.zeros((1, 2)))
-            if self._controller is not None:
-                other.tick(0.0, 0.0, 0.0, 0.0)
-            steps.mark_compiled(self.model, declared)
-        self._has_step = True
+    def filter(self) -> Filter:
+        """The filter in the core, about this observer's arrays."""
+        if self._filter is None:
+            self._filter = Filter(self.arrays)
+        return self._filter
 
     @property
-    def has_step(self) -> bool:
-        """Whether blocks and samples go through a step of its own; the general kernels do the same, slower."""
-        return self._has_step
+    def core(self) -> int:
+        """Its address, for a caller in C (`estimator_tick`); good as long as this observer lives."""
+        return self.filter.address
 
-    def _own_step(self) -> ModuleType | None:
-        """The module of its step, None where it has none."""
-        if self._has_step and self._step is None:
-            self._step = steps.module_of(self.model, [effect for _, effect in self.effects])
-        return self._step
+    @property
+    def carries_angle(self) -> bool:
+        """Whether the angle is carried on by the rate: then `tick` has more to do than the core."""
+        return self._carried_angle is not None
 
     def __getstate__(self) -> dict[str, Any]:
-        """What is kept of it: all but the code of its step, which is loaded anew."""
-        return {**self.__dict__, "_step": None}
+        """What is kept of it: all but the filter in the core, which holds addresses."""
+        return {**self.__dict__, "_filter": None}
 
     # -- state in SI -------------------------------------------------------------------------------------------------
 
@@ -609,20 +590,10 @@ class Observer:
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
-        step = self._own_step()
-        if step is not None:
-            step.tick(
-                self._record, self._intensity, self._prior, self._spread, self._start, self.x, self._p, self._c,
-                self._memory, float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
-            )  # fmt: skip
-        else:
-            block.tick(
-                self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
-                self.x, self._p, self._c, self._memory,
-                float(vx), float(vy), float(ux), float(uy), self._rows, self._codes,
-            )  # fmt: skip
-        self._follow(self._rows)
-        return int(self._codes[0]), int(self._codes[1])
+        codes = self.filter.tick(vx, vy, ux, uy)
+        if self._carried_angle is not None:
+            self._follow(self._rows)
+        return codes
 
     def expected_drive(self) -> tuple[float, float]:
         """Drive codes that the board is expected to have applied over the interval that ends at the next sample."""
@@ -750,23 +721,12 @@ class Observer:
         order = int(self._record["order"][0])
         longest = self.h if step is None else float(np.max(h, initial=self.h))
         self.allow_steps(longest, u.shape[2] - 1)
-        held = truth is None and u.shape[2] == 1 and longest <= LONGEST_STEP
-        step_of_its_own = self._own_step() if held else None
         for rows_of, states_of, stride in _portions(n, every, self._portion):
             stop_if_abandoned()
-            if step_of_its_own is not None:
-                step_of_its_own.observe_block(
-                    self._record, self._intensity, self._prior, self._spread, self._start,
-                    self.x, self._p, self._c, self._memory, z[rows_of], u[rows_of], h[rows_of], warmth[rows_of],
-                    rows[rows_of], states[states_of], deviations[states_of], stride,
-                )  # fmt: skip
-            else:
-                block.observe_block(
-                    self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
-                    self.x, self._p, self._c, self._memory,
-                    z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of],
-                    rows[rows_of], states[states_of], deviations[states_of], stride,
-                )  # fmt: skip
+            self.filter.run(
+                z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of], rows[rows_of], states[states_of],
+                deviations[states_of], stride,
+            )  # fmt: skip
             self._follow(rows[rows_of])
         self._record["order"] = order
         with np.errstate(invalid="ignore"):  # below zero, no variance of anything: the filter has diverged

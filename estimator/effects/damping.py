@@ -1,16 +1,15 @@
 """Damping that is not proportional to the velocity."""
 
-import sympy as sp
-
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.search import EVEN, ODD, Kin, Search, Sign
-from estimator.model.gyro import vx, vy, x, y
+from estimator.model.formula import exp, sqrt, symbols, tanh
+from estimator.model.symbols import vx, vy, x, y
 
-d3x, d3y, d3, fx, fy, fax, fay = sp.symbols("d3x d3y d3 fx fy fax fay")
-dax, day, dqx, dqy, dcx, dcy = sp.symbols("dax day dqx dqy dcx dcy")
-SMOOTHING = sp.Float(0.01)  # of A ω0: below this velocity asymmetric damping turns over smoothly
-directionx, directiony, v0 = sp.symbols("directionx directiony v0")
-stx, sty, vs, d3r, fr, dqr, dcr = sp.symbols("stx sty vs d3r fr dqr dcr")
+d3x, d3y, d3, fx, fy, fax, fay = symbols("d3x d3y d3 fx fy fax fay")
+dax, day, dqx, dqy, dcx, dcy = symbols("dax day dqx dqy dcx dcy")
+SMOOTHING = 0.01  # of A ω0: below this velocity asymmetric damping turns over smoothly
+directionx, directiony, v0 = symbols("directionx directiony v0")
+stx, sty, vs, d3r, fr, dqr, dcr = symbols("stx sty vs d3r fr dqr dcr")
 
 _RADIUS2 = x**2 + y**2
 _SPEED2 = vx**2 + vy**2
@@ -57,7 +56,7 @@ DAMPING_ASYMMETRIC = Effect(
     number=13,
     title="Damping that is larger one way than the other",
     coefficients=(Coefficient(dax, "dax", 0.01, 0, -1), Coefficient(day, "day", 0.01, 0, -1)),
-    force=(-dax * vx * sp.tanh(vx / SMOOTHING), -day * vy * sp.tanh(vy / SMOOTHING)),
+    force=(-dax * vx * tanh(vx / SMOOTHING), -day * vy * tanh(vy / SMOOTHING)),
     shown=("ẍ += -dax*vx*tanh(100*vx/(A*omega0))", "ÿ += -day*vy*tanh(100*vy/(A*omega0))"),
     source="half the difference of viscous friction there and back, as of ball screws; Janot, Gautier & Brunot 2019",
     signature="a shift while it moves, in proportion to the speed",
@@ -72,7 +71,7 @@ DRAG = Effect(
     number=14,
     title="Drag that grows with the square of the speed",
     coefficients=(Coefficient(dqx, "dqx", 0.01, -1, positive=True), Coefficient(dqy, "dqy", 0.01, -1, positive=True)),
-    force=(-dqx * vx**2 * sp.tanh(vx / SMOOTHING), -dqy * vy**2 * sp.tanh(vy / SMOOTHING)),
+    force=(-dqx * vx**2 * tanh(vx / SMOOTHING), -dqy * vy**2 * tanh(vy / SMOOTHING)),
     shown=("ẍ += -dqx*vx**2*tanh(100*vx/(A*omega0))", "ÿ += -dqy*vy**2*tanh(100*vy/(A*omega0))"),
     source="turbulent drag, ½ ρ c A v²; Nayfeh & Mook 1979, ch. 3",
     signature="ring-down faster than exponential at first",
@@ -124,7 +123,7 @@ STRIBECK_FRICTION = Effect(
     ),
     parameters=(*_REST, Parameter(vs, "vs", 1, -1, tried=(0.03, 0.12, 0.5))),
     signals=(*_DIRECTIONS, Signal(vs, Source.PARAMETER)),
-    force=(-stx * directionx * sp.exp(-((vx / vs) ** 2)), -sty * directiony * sp.exp(-((vy / vs) ** 2))),
+    force=(-stx * directionx * exp(-((vx / vs) ** 2)), -sty * directiony * exp(-((vy / vs) ** 2))),
     source="what static friction has beside Coulomb's, f exp(−(v/vs)²); Stribeck 1902; Armstrong-Hélouvry, Dupont & "
     "Canudas de Wit, Automatica 30(7), 1994",
     signature="more force at creeping speed than at full",
@@ -156,7 +155,7 @@ DRAG_RADIAL = Effect(
     on_request=True,
     title="Drag against the motion, with the square of the speed",
     coefficients=(Coefficient(dqr, "dqr", 0.01, -1, positive=True),),
-    force=(-dqr * sp.sqrt(_SPEED2 + SMOOTHING**2) * vx, -dqr * sp.sqrt(_SPEED2 + SMOOTHING**2) * vy),
+    force=(-dqr * sqrt(_SPEED2 + SMOOTHING**2) * vx, -dqr * sqrt(_SPEED2 + SMOOTHING**2) * vy),
     shown=(
         "ẍ += -dqr*vx*sqrt(vx**2 + vy**2 + (A*omega0/100)**2)",
         "ÿ += -dqr*vy*sqrt(vx**2 + vy**2 + (A*omega0/100)**2)",
@@ -194,7 +193,7 @@ DRY_FRICTION_RADIAL = Effect(
     coefficients=(Coefficient(fr, "fr", 0.01, 1, -2, positive=True),),
     parameters=_REST,
     signals=(*_DIRECTIONS, Signal(v0, Source.PARAMETER)),  # directions: the flow stops where the mass turns
-    force=(-fr * vx / sp.sqrt(_SPEED2 + v0**2), -fr * vy / sp.sqrt(_SPEED2 + v0**2)),
+    force=(-fr * vx / sqrt(_SPEED2 + v0**2), -fr * vy / sqrt(_SPEED2 + v0**2)),
     source="Coulomb's law of a body that slides in the plane, v/|v|, |v| taken as √(v² + v0²)",
     signature="ring-down that is linear in time and ends, on a circle as on a line",
     undone=Undone.CANCEL,

@@ -1,19 +1,22 @@
 """What an effect is: a force, a distortion of the measurement, or both, that the base model lacks.
 
-Declared in SymPy over the states and drives of the two-axis gyro; on a single axis y, ẏ and uy are zero and the
+Declared for SymPy (`estimator.model.formula`) over the states and drives of the two-axis gyro; on a single axis y, ẏ and uy are zero and the
 coefficients that then act on nothing drop out.  All that is known of an effect stands in its declaration: equation,
 units, plausible sizes, what it looks like, what undoes it, and where it comes from.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from enum import Enum
-
-import sympy as sp
+from typing import TYPE_CHECKING, Any
 
 from estimator.effects.search import Kin, Search, Sign
-from estimator.model.gyro import ux, uy, vx, vy, x, y
+from estimator.model.formula import declared, in_sympy, is_nothing, names_in, symbol, symbolic, without
+
+if TYPE_CHECKING:
+    import sympy as sp
 
 OWN = -1
 """In place of the number of an effect that is not of the catalogue: `estimator.kernel.own` has its code."""
@@ -58,6 +61,7 @@ class Delayed(Enum):
     DRIVE = "drive"
 
 
+@symbolic("symbol", "found_as")
 @dataclass(frozen=True)
 class Parameter:
     """A number of an effect that is given, not estimated: a frequency, a threshold; tracing searches for it.
@@ -68,7 +72,7 @@ class Parameter:
     coefficient that it is the same number as, where it is one: then a trace takes it from there.
     """
 
-    symbol: sp.Symbol
+    symbol: "sp.Symbol"
     name: str
     length: int = 0
     time: int = 0
@@ -78,7 +82,7 @@ class Parameter:
     kelvin: int = 0
     volt: int = 0
     tried: tuple[float, ...] = ()
-    found_as: sp.Symbol | None = None
+    found_as: "sp.Symbol | None" = None
 
     @property
     def unit(self) -> str:
@@ -86,6 +90,7 @@ class Parameter:
         return si_unit(self.length, self.time, self.kelvin, self.volt)
 
 
+@symbolic("symbol", "behind")
 @dataclass(frozen=True)
 class Signal:
     """A series that an effect depends on beside state and drive, computed sample by sample from what is measured.
@@ -93,12 +98,13 @@ class Signal:
     behind: the effect's coefficient that it hangs on, or its parameter, where it does.
     """
 
-    symbol: sp.Symbol
+    symbol: "sp.Symbol"
     source: Source
     axis: int = 0
-    behind: sp.Symbol | None = None
+    behind: "sp.Symbol | None" = None
 
 
+@symbolic("symbol")
 @dataclass(frozen=True)
 class Coefficient:
     """A number an effect has.
@@ -113,7 +119,7 @@ class Coefficient:
     measurement is far from linear in it.
     """
 
-    symbol: sp.Symbol
+    symbol: "sp.Symbol"
     name: str
     plausible: float
     length: int = 0
@@ -138,6 +144,7 @@ class Coefficient:
         return si_unit(self.length, self.time, self.kelvin, self.volt)
 
 
+@symbolic("force", "sense", "alone")
 @dataclass(frozen=True)
 class Effect:
     """Force per unit mass added to (ẍ, ÿ), and displacement added to what each axis senses, in scaled units.
@@ -165,13 +172,13 @@ class Effect:
     source: str
     signature: str
     undone: Undone
-    force: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
-    sense: tuple[sp.Expr, sp.Expr] = (sp.Integer(0), sp.Integer(0))
+    force: "tuple[sp.Expr, sp.Expr]" = (0, 0)
+    sense: "tuple[sp.Expr, sp.Expr]" = (0, 0)
     look_alikes: Mapping[str, str] = field(default_factory=dict)
     parameters: tuple[Parameter, ...] = ()
     signals: tuple[Signal, ...] = ()
     delayed: Delayed | None = None
-    alone: sp.Expr | None = None
+    alone: "sp.Expr | None" = None
     shown: tuple[str, ...] = ()
     number: int = OWN
     signs: tuple[Sign, ...] = ()
@@ -197,10 +204,15 @@ class Effect:
         """Whether nothing of it could be estimated from a record."""
         return not self.coefficients
 
+    @property
+    def pushes(self) -> bool:
+        """Whether it is a force."""
+        return not all(is_nothing(force) for force in declared(self, "force"))
+
     def labelled(self, label: str) -> "Effect":
         """One of several of the same kind: names of effect and coefficients carry the label."""
-        coefficients = tuple(replace(c, name=f"{c.name}:{label}") for c in self.coefficients)
-        return replace(self, name=f"{self.name}:{label}", coefficients=coefficients)
+        coefficients = tuple(_with(c, name=f"{c.name}:{label}") for c in self.coefficients)
+        return _with(self, name=f"{self.name}:{label}", coefficients=coefficients)
 
     def on(self, axes: int) -> "Effect | None":
         """The effect on a device with that many axes, None where nothing of it is left."""
@@ -209,18 +221,38 @@ class Effect:
         if self.plane:
             return None
         if self.delayed is not None:
-            return replace(self, coefficients=self.coefficients[:1])
-        absent = {y: 0, vy: 0, uy: 0}
-        force = sp.sympify(self.force[0]).subs(absent)
-        sense = sp.sympify(self.sense[0] if self.alone is None else self.alone).subs(absent)
-        asked = force.free_symbols | sense.free_symbols
-        asked |= {signal.behind for signal in self.signals if signal.symbol in asked}
-        left = tuple(c for c in self.coefficients if c.symbol in asked)
+            return _with(self, coefficients=self.coefficients[:1])
+        alone = declared(self, "alone")
+        force = _of_one_axis(declared(self, "force")[0])
+        sense = _of_one_axis(declared(self, "sense")[0] if alone is None else alone)
+        asked = names_in((force, sense))
+        asked |= {name_of(s, "behind") for s in self.signals if name_of(s) in asked}
+        left = tuple(c for c in self.coefficients if name_of(c) in asked)
         if not left:
             return None
-        zero = sp.Integer(0)
-        signals = self.signals if self.alone is None else tuple(s for s in self.signals if s.symbol in asked)
-        return replace(self, coefficients=left, force=(force, zero), sense=(sense, zero), signals=signals)
+        signals = self.signals if alone is None else tuple(s for s in self.signals if name_of(s) in asked)
+        return _with(self, coefficients=left, force=(force, 0), sense=(sense, 0), signals=signals)
+
+
+def name_of(declaration: "Coefficient | Parameter | Signal", field_name: str = "symbol") -> str:
+    """Name of its symbol, or of another symbolic field; "" for none."""
+    symbol = declared(declaration, field_name)
+    return "" if symbol is None else str(symbol)
+
+
+def _of_one_axis(expression: Any) -> Any:
+    """What is left of an expression on a single axis."""
+    absent = ("y", "vy", "uy")
+    if hasattr(expression, "subs"):  # one of SymPy's, of a declaration of somebody's own
+        return expression.subs(dict.fromkeys(absent, 0))
+    return without(expression, absent)
+
+
+def _with(declaration: Any, **changed: Any) -> Any:
+    """`dataclasses.replace`, which leaves formulas as they were declared."""
+    other = copy(declaration)
+    other.__dict__.update(changed)
+    return other
 
 
 def si_unit(length: int, time: int, kelvin: int = 0, volt: int = 0) -> str:
@@ -230,11 +262,6 @@ def si_unit(length: int, time: int, kelvin: int = 0, volt: int = 0) -> str:
     above = "·".join(name + _superscript(power) for name, power in powers if power > 0)
     below = "·".join(name + _superscript(-power) for name, power in powers if power < 0)
     return (above or "1") + (f"/({below})" if "·" in below else f"/{below}" if below else "")
-
-
-def clipped(value: sp.Expr, limit: sp.Expr) -> sp.Expr:
-    """`value` no further from zero than `limit`."""
-    return sp.Piecewise((limit, value > limit), (-limit, value < -limit), (value, True))
 
 
 def can_be_specialised(effects: Sequence[Effect]) -> bool:
@@ -247,8 +274,12 @@ def can_be_specialised(effects: Sequence[Effect]) -> bool:
     return not late and not kinked
 
 
-STATES = (x, vx, y, vy)
-DRIVES = (ux, uy)
+def __getattr__(name: str) -> Any:
+    """STATES and DRIVES: the symbols of the motion and of the drives, as SymPy has them."""
+    names = {"STATES": ("x", "vx", "y", "vy"), "DRIVES": ("ux", "uy")}.get(name)
+    if names is None:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return tuple(in_sympy(symbol(one)) for one in names)
 
 
 def _superscript(power: int) -> str:

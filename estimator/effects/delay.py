@@ -1,11 +1,10 @@
 """A path that is late.  Exact: the flow carries state and drive over the delay."""
 
-import sympy as sp
-
 from estimator.effects.declaration import Coefficient, Delayed, Effect, Undone
 from estimator.effects.search import LINEAR, Sign
+from estimator.model.formula import symbols
 
-tsx, tsy, tux, tuy = sp.symbols("tsx tsy tux tuy")
+tsx, tsy, tux, tuy = symbols("tsx tsy tux tuy")
 
 SENSE_DELAY = Effect(
     name="sense_delay",

@@ -1,12 +1,11 @@
 """A drive chain that pushes otherwise than commanded.  As forces: what is applied beyond the command."""
 
-import sympy as sp
-
-from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.search import EVEN, LINEAR, ODD, Search, Sign
-from estimator.model.gyro import ux, uy
+from estimator.model.formula import clipped, symbols
+from estimator.model.symbols import ux, uy
 
-hx, hy, mx, my, qx, qy, sx, sy, zx, zy, limit, band = sp.symbols("hx hy mx my qx qy sx sy zx zy limit band")
+hx, hy, mx, my, qx, qy, sx, sy, zx, zy, limit, band = symbols("hx hy mx my qx qy sx sy zx zy limit band")
 
 DRIVE_GAIN = Effect(
     name="drive_gain",

@@ -21,12 +21,11 @@ the frame, too.  A Coriolis force in proportion to each axis' own mass would do 
 None of them has a coefficient: nothing in a record could estimate it.
 """
 
-import sympy as sp
-
 from estimator.effects.declaration import Effect, Parameter, Signal, Source, Undone
-from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, rate, ux, uy, vx, vy, x, y
+from estimator.model.formula import symbols
+from estimator.model.symbols import dxx, dxy, dyy, kxx, kxy, kyy, rate, ux, uy, vx, vy, x, y
 
-delta, m, px, py = sp.symbols("delta m px py")
+delta, m, px, py = symbols("delta m px py")
 
 _STRETCH = (1 + delta) ** 2 - 1
 _LIGHTER = -m / (1 + m)
@@ -63,7 +62,7 @@ UNEQUAL_MASSES = Effect(
     parameters=(Parameter(m, "m", above=-1.0),),
     signals=(Signal(m, Source.PARAMETER),),
     force=(
-        sp.Integer(0),
+        0,
         _LIGHTER * (uy - dxy * vx - dyy * vy - kxy * x - kyy * y - 2 * rate * vx),
     ),
     source="M ẍ = u − D ẋ − K x + 2 Ω C ẋ, M = diag(1, 1 + m): the Coriolis force is that of the mass both axes share",

@@ -1,12 +1,11 @@
 """A sinusoid that is not the gyro's: on the sense side, or as a force.  Its frequency is found, not given."""
 
-import sympy as sp
-
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.search import Search, Sign
+from estimator.model.formula import symbols
 
-omega, cosine, sine = sp.symbols("omega cosine sine")
-lcx, lsx, lcy, lsy, bcx, bsx, bcy, bsy = sp.symbols("lcx lsx lcy lsy bcx bsx bcy bsy")
+omega, cosine, sine = symbols("omega cosine sine")
+lcx, lsx, lcy, lsy, bcx, bsx, bcy, bsy = symbols("lcx lsx lcy lsy bcx bsx bcy bsy")
 
 _SIGNALS = (Signal(cosine, Source.COSINE), Signal(sine, Source.SINE))
 _OMEGA = (Parameter(omega, "omega", 0, -1),)

@@ -1,23 +1,42 @@
 """A sense chain that shows something else than the displacement."""
 
-import sympy as sp
+from typing import Any
 
-from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone, clipped
+from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.search import EVEN, LINEAR, ODD, Kin, Search, Sign
-from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate, ux, uy, vx, vy, x, y
-from estimator.model.oscillator import b, d, k
+from estimator.model.formula import clipped, cos, exp, sin, symbols
+from estimator.model.symbols import (
+    b,
+    d,
+    dxx,
+    dxy,
+    dyy,
+    k,
+    kxx,
+    kxy,
+    kyy,
+    phi_x,
+    phi_y,
+    rate,
+    ux,
+    uy,
+    vx,
+    vy,
+    x,
+    y,
+)
 
-gy, ey, ex, a2x, a2y, a3x, a3y, fdx, fdy = sp.symbols("gy ey ex a2x a2y a3x a3y fdx fdy")
-tlx, tly, hpx, hpy, clx, cly, level = sp.symbols("tlx tly hpx hpy clx cly level")
-odx, ody, wane_x, wane_y, leak_x, leak_y = sp.symbols("odx ody wane_x wane_y leak_x leak_y")
-time, wm, dm, cmx, smx, cmy, smy = sp.symbols("time wm dm cmx smx cmy smy")
-rx, ry, px, py, omega, zeta = sp.symbols("rx ry px py omega_p zeta_p")
-ux_behind_x, uy_behind_x, ux_behind_y, uy_behind_y = sp.symbols("ux_behind_x uy_behind_x ux_behind_y uy_behind_y")
-olx, oly, start_x, start_y = sp.symbols("olx oly start_x start_y")
-ux_over_x, uy_over_x, ux_over_y, uy_over_y = sp.symbols("ux_over_x uy_over_x ux_over_y uy_over_y")
+gy, ey, ex, a2x, a2y, a3x, a3y, fdx, fdy = symbols("gy ey ex a2x a2y a3x a3y fdx fdy")
+tlx, tly, hpx, hpy, clx, cly, level = symbols("tlx tly hpx hpy clx cly level")
+odx, ody, wane_x, wane_y, leak_x, leak_y = symbols("odx ody wane_x wane_y leak_x leak_y")
+time, wm, dm, cmx, smx, cmy, smy = symbols("time wm dm cmx smx cmy smy")
+rx, ry, px, py, omega, zeta = symbols("rx ry px py omega_p zeta_p")
+ux_behind_x, uy_behind_x, ux_behind_y, uy_behind_y = symbols("ux_behind_x uy_behind_x ux_behind_y uy_behind_y")
+olx, oly, start_x, start_y = symbols("olx oly start_x start_y")
+ux_over_x, uy_over_x, ux_over_y, uy_over_y = symbols("ux_over_x uy_over_x ux_over_y uy_over_y")
 
 
-def smoothed_velocities(lag: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
+def smoothed_velocities(lag: Any, push_x: Any, push_y: Any) -> tuple[Any, Any]:
     """What a first-order lag leaves of ẋ and ẏ, its own start being over: exact for the base model.
 
     With ṡ = A s + B u, the lag q + T q̇ = s is q = (I + T A)⁻¹ (s − T B l), l the drive behind the same lag: at every
@@ -33,7 +52,7 @@ def smoothed_velocities(lag: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) ->
     return (yy * of_x - xy * of_y) / determinant, (xx * of_y - yx * of_x) / determinant
 
 
-def leaking_integrals(leak: sp.Symbol, push_x: sp.Symbol, push_y: sp.Symbol) -> tuple[sp.Expr, sp.Expr]:
+def leaking_integrals(leak: Any, push_x: Any, push_y: Any) -> tuple[Any, Any]:
     """∫ x dt and ∫ y dt, leaking at that rate, their own start being over: exact for the base model.
 
     With ṡ = A s + B u, q̇ = s − a q is q = (a I + A)⁻¹ (s − B l), l the drive integrated with the same leak.  Solved for
@@ -54,7 +73,7 @@ SENSE_GAIN = Effect(
     number=6,
     title="Sense gain of y beside that of x",
     coefficients=(Coefficient(gy, "gy", 0.02),),
-    sense=(sp.Integer(0), gy * y),
+    sense=(0, gy * y),
     source="Actuators 2025, 14, 275: detection-gain asymmetry",
     signature="error ½ g sin 2θ in the angle itself",
     undone=Undone.MAP,
@@ -242,8 +261,8 @@ FREE_MODE = Effect(
     ),
     signals=(Signal(time, Source.TIME),),
     sense=(
-        sp.exp(-dm * time / 2) * (cmx * sp.cos(wm * time) + smx * sp.sin(wm * time)),
-        sp.exp(-dm * time / 2) * (cmy * sp.cos(wm * time) + smy * sp.sin(wm * time)),
+        exp(-dm * time / 2) * (cmx * cos(wm * time) + smx * sin(wm * time)),
+        exp(-dm * time / 2) * (cmy * cos(wm * time) + smy * sin(wm * time)),
     ),
     source="p̈ + dm ṗ + (wm² + dm²/4) p = 0, a mode beside the one that is modelled; displacement, velocity and "
     "acceleration of it are all of that form; Ewins, Modal Testing, 2000",

@@ -1,14 +1,13 @@
 """Stiffness that is not a constant symmetric matrix."""
 
-import sympy as sp
-
 from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
 from estimator.effects.search import EVEN, LINEAR, ODD, Kin, Sign
-from estimator.model.gyro import x, y
+from estimator.model.formula import symbols
+from estimator.model.symbols import x, y
 
-k3x, k3y, k3, k5x, k5y, k5r, k2x, k2y, kn, ax, ay = sp.symbols("k3x k3y k3 k5x k5y k5r k2x k2y kn ax ay")
-khx, khy, reach, slipx, slipy = sp.symbols("khx khy reach slipx slipy")
-kpx, kpy, half_width, stopx, stopy = sp.symbols("kpx kpy half_width stopx stopy")
+k3x, k3y, k3, k5x, k5y, k5r, k2x, k2y, kn, ax, ay = symbols("k3x k3y k3 k5x k5y k5r k2x k2y kn ax ay")
+khx, khy, reach, slipx, slipy = symbols("khx khy reach slipx slipy")
+kpx, kpy, half_width, stopx, stopy = symbols("kpx kpy half_width stopx stopy")
 
 CUBIC_STIFFNESS = Effect(
     name="cubic_stiffness",

@@ -4,13 +4,12 @@ Stiffness and damping are matrices, k(T) and d(T): Young's modulus scales the cr
 stress in the package does not; so each entry has a coefficient of its own, and the matrix stays symmetric.
 """
 
-import sympy as sp
-
 from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
 from estimator.effects.search import Sign
-from estimator.model.gyro import vx, vy, x, y
+from estimator.model.formula import symbols
+from estimator.model.symbols import vx, vy, x, y
 
-warmth, ktx, kty, ktxy, dtx, dty, dtxy, ptx, pty = sp.symbols("warmth ktx kty ktxy dtx dty dtxy ptx pty")
+warmth, ktx, kty, ktxy, dtx, dty, dtxy, ptx, pty = symbols("warmth ktx kty ktxy dtx dty dtxy ptx pty")
 
 _WARMTH = (Signal(warmth, Source.TEMPERATURE),)
 

@@ -1,15 +1,19 @@
 """What a model is: named states and constants, a vector field linear in the states, a measurement.
 
-A declaration is written in SymPy and in *scaled* units (time by 1/ω0, length by the nominal amplitude), see
-`estimator.scaling`.  `estimator.kernel.generate.model` turns it into the compiled step, `estimator.oracle` evaluates it
-directly, and the report prints its equations, so that the physics stands in one readable place.
+A declaration is written for SymPy (`estimator.model.formula`), in *scaled* units (time by 1/ω0, length by the nominal
+amplitude), see `estimator.scaling`.  `estimator.core.generate` turns it into the compiled step, `estimator.oracle`
+evaluates it directly, and the report prints its equations, so that the physics stands in one readable place.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from enum import Enum
+from typing import TYPE_CHECKING
 
-import sympy as sp
+from estimator.model.formula import symbolic
+
+if TYPE_CHECKING:
+    import sympy as sp
 
 
 class Quantity(Enum):
@@ -24,15 +28,17 @@ class Quantity(Enum):
     DRIVE_GAIN = "1"
 
 
+@symbolic("symbol")
 @dataclass(frozen=True)
 class State:
     """A quantity that moves from sample to sample by the vector field."""
 
-    symbol: sp.Symbol
+    symbol: "sp.Symbol"
     name: str
     quantity: Quantity
 
 
+@symbolic("symbol", "jump")
 @dataclass(frozen=True)
 class Constant:
     """A quantity the observer models as constant (or as a slow random walk).
@@ -42,12 +48,13 @@ class Constant:
     correlated.
     """
 
-    symbol: sp.Symbol
+    symbol: "sp.Symbol"
     name: str
     quantity: Quantity
-    jump: Mapping[sp.Symbol, sp.Expr] = field(default_factory=dict)
+    jump: Mapping["sp.Symbol", "sp.Expr"] = field(default_factory=dict)
 
 
+@symbolic("inputs", "field", "measurement")
 @dataclass(frozen=True)
 class Model:
     """States ṡ = f(s, c, u), constants c, measurement z = h(s, c).
@@ -61,9 +68,9 @@ class Model:
     states: tuple[State, ...]
     sense_constants: tuple[Constant, ...]
     flow_constants: tuple[Constant, ...]
-    inputs: tuple[sp.Symbol, ...]
-    field: tuple[sp.Expr, ...]
-    measurement: tuple[sp.Expr, ...]
+    inputs: "tuple[sp.Symbol, ...]"
+    field: "tuple[sp.Expr, ...]"
+    measurement: "tuple[sp.Expr, ...]"
 
     @property
     def constants(self) -> tuple[Constant, ...]:
@@ -80,8 +87,10 @@ class Model:
         """Names of the whole state vector, X = [states, constants]."""
         return tuple(item.name for item in self.entries)
 
-    def system_matrices(self) -> tuple[sp.Matrix, sp.Matrix]:
+    def system_matrices(self) -> "tuple[sp.Matrix, sp.Matrix]":
         """M (states × states) and N (states × inputs) of ṡ = M(c) s + N(c) u."""
+        import sympy as sp
+
         vector = sp.Matrix(self.field)
         m = vector.jacobian([state.symbol for state in self.states])
         n = vector.jacobian(list(self.inputs))

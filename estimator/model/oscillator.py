@@ -3,13 +3,8 @@
 ẍ + d ẋ + k x = b u
 """
 
-import sympy as sp
-
 from estimator.model.declaration import Constant, Model, Quantity, State
-
-x, vx = sp.symbols("x vx")
-phi_x, k, d, b = sp.symbols("phi_x k d b")
-ux = sp.Symbol("ux")
+from estimator.model.symbols import b, d, k, phi_x, ux, vx, x
 
 OSCILLATOR = Model(
     name="oscillator",

@@ -1,0 +1,113 @@
+/* The library: its entries take structures by address (library.py), whose sizes the loader compares. */
+#include "estimator.h"
+#include "gain_matrix.h"
+#include "stationary.h"
+
+#include <stddef.h>
+
+#if defined(_WIN32)
+#define EXPORTED __declspec(dllexport)
+#else
+#define EXPORTED __attribute__((visibility("default")))
+#endif
+
+/* What a gain matrix is solved with, and into: a board's filter a (2, 2), b and c (2,) with its delay; gain (2, 4), bias
+   (2,); motion (4, 4) what the filter makes of a motion. */
+typedef struct {
+    whole delay;
+    const Settings *settings;
+    const Memory *memory;
+    const real *x;
+    const real *a;
+    const real *b;
+    const real *c;
+    real *gain;
+    real *bias;
+    real *motion;
+    double fastest;
+    double ahead;
+} Folding;
+
+/* A stationary table on its way (stationary.h): total (angles, phases, n, axes), weight (angles, phases). */
+typedef struct {
+    whole settle;
+    whole samples;
+    real *total;
+    real *weight;
+    double rotation;
+    double h;
+} Gathering;
+
+/* Bytes of an estimator; where in it the sample stands, and the codes. */
+EXPORTED void gyro_estimator_places(int64_t places[3])
+{
+    places[0] = (int64_t)sizeof(Estimator);
+    places[1] = (int64_t)offsetof(Estimator, sample);
+    places[2] = (int64_t)offsetof(Estimator, codes);
+}
+
+/* Bytes of a row of settings, memory and output, which Python lays out as well (layout.py). */
+EXPORTED void gyro_row_sizes(int64_t sizes[3])
+{
+    sizes[0] = (int64_t)sizeof(Settings);
+    sizes[1] = (int64_t)sizeof(Memory);
+    sizes[2] = (int64_t)sizeof(Output);
+}
+
+/* One sample of the closed loop, for a caller in C: sense codes (NaN: lost) and echoed drive codes -> codes to send. */
+EXPORTED void estimator_tick(void *estimator, double vx, double vy, double ux, double uy, double codes[2])
+{
+    estimator_step(estimator, vx, vy, ux, uy, codes);
+}
+
+/* The same by what stands in the estimator: one argument costs a caller in Python least. */
+EXPORTED void gyro_tick(Estimator *estimator)
+{
+    const double *sample = estimator->sample;
+    estimator_step(estimator, sample[0], sample[1], sample[2], sample[3], estimator->codes);
+}
+
+EXPORTED int64_t gyro_observe_block(Estimator *estimator, const Block *block)
+{
+    return observe_block(estimator, block);
+}
+
+static BoardFilter board_of(const Folding *asked)
+{
+    BoardFilter board;
+    memcpy(board.a, asked->a, sizeof board.a);
+    memcpy(board.b, asked->b, sizeof board.b);
+    memcpy(board.c, asked->c, sizeof board.c);
+    board.delay = asked->delay;
+    return board;
+}
+
+EXPORTED void gyro_gain_matrix(const Folding *asked)
+{
+    BoardFilter board = board_of(asked);
+    gain_matrix(asked->settings, asked->memory, asked->x, &board, (real)asked->fastest, (real)asked->ahead, asked->gain,
+                asked->bias);
+}
+
+/* What a board's filter makes of the motion of an ideal oscillator at rest. */
+EXPORTED void gyro_filtered_swing(const Folding *asked)
+{
+    BoardFilter board = board_of(asked);
+    real swing[16] = {R(0.0)}, e[16];
+    swing[1] = swing[11] = R(1.0);
+    swing[4] = swing[14] = R(-1.0);
+    exponential(swing, asked->settings->h, asked->settings->order, e);
+    filtered_motion(asked->settings, e, &board, asked->motion);
+}
+
+EXPORTED void gyro_gather_gains(Estimator *estimator, const Gathering *gathering)
+{
+    const Arrays *arrays = &estimator->arrays;
+    Constants constants = constants_of(arrays);
+    Estimate estimate = estimate_of(arrays);
+    Course course = {gathering->rotation, gathering->h, gathering->settle, gathering->samples};
+    gather_gains(arrays->settings, arrays->active, arrays->count, &constants, &estimate, &course,
+                 workspace_of(estimator), arrays->angles, arrays->phases, gathering->total, gathering->weight);
+}
+
+#include "entries_trace.h"

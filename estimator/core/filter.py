@@ -1,0 +1,93 @@
+"""The filter of one observer in the core: its arrays by their addresses, with the scratch that C works in."""
+
+import ctypes
+import struct
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.core.arguments import Arguments
+from estimator.core.layout import MEMORY, OUTPUT, SETTINGS
+from estimator.core.library import LIBRARY
+from estimator.core.structures import Arrays
+
+Array = NDArray[np.float64]
+
+_places = (ctypes.c_int64 * 3)()
+LIBRARY.gyro_estimator_places(_places)
+_SIZE, _SAMPLE, _CODES = _places
+_ARRAYS = Arguments(
+    ("count", "n", "total", "angles", "phases"),
+    ("settings", "memory", "rows", "active", "intensity", "prior", "spread", "initial", "table", "x", "p", "c"),
+)
+_BLOCK = Arguments(("n", "terms", "every"), ("z", "u", "h", "temperature", "truth", "rows", "states", "deviations"))
+_GATHERING = Arguments(("settle", "samples"), ("total", "weight"), ("rotation", "h"))
+_KINDS = {"settings": SETTINGS, "memory": MEMORY, "rows": OUTPUT, "active": np.dtype(np.int64)}
+_write, _read = struct.Struct("4d").pack_into, struct.Struct("2d").unpack_from
+
+
+class Filter:
+    """`Estimator` of estimator.h about an observer's arrays, which it holds: they are changed in place only.
+
+    Raises ValueError for an array that is no contiguous one of the type that C takes.
+    """
+
+    def __init__(self, arrays: Arrays) -> None:
+        given = arrays._asdict()
+        for name, array in given.items():
+            _require(name, array, _KINDS.get(name, np.dtype(float)))
+        self._buffer = np.zeros(_SIZE, np.uint8)
+        self._held = _ARRAYS(
+            count=len(arrays.active), n=len(arrays.p), total=len(arrays.x), angles=arrays.table.shape[0],
+            phases=arrays.table.shape[1], **given,
+        )  # fmt: skip
+        ctypes.memmove(self._buffer.ctypes.data, self._held, ctypes.sizeof(self._held.contents))
+        self.address = int(self._buffer.ctypes.data)
+        self._here = ctypes.c_void_p(self.address)
+        self._tick = LIBRARY.gyro_tick
+
+    def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
+        """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
+        _write(self._buffer, _SAMPLE, vx, vy, ux, uy)
+        self._tick(self._here)
+        x, y = _read(self._buffer, _CODES)
+        return int(x), int(y)
+
+    def run(
+        self,
+        z: Array,
+        u: Array,
+        h: Array,
+        temperature: Array,
+        truth: Array,
+        rows: NDArray[np.void],
+        states: Array,
+        deviations: Array,
+        every: int,
+    ) -> int:
+        """Go through n samples z (n, axes) with the drives u (n, axes, terms) over the intervals h (n,) that end there;
+        temperature (n,) or (0,); truth (n, states + constants) that replaces the state before each step, or (0, …).
+
+        Fills rows (n,) and, of every `every`-th sample, states and deviations; returns how many of them it filled.
+        """
+        given = {"z": z, "u": u, "h": h, "states": states, "deviations": deviations, "rows": rows}
+        given |= {name: array for name, array in (("temperature", temperature), ("truth", truth)) if len(array)}
+        for name, array in given.items():
+            _require(name, array, _KINDS.get(name, np.dtype(float)))
+        block = _BLOCK(n=len(z), terms=u.shape[2], every=every, **given)
+        return int(LIBRARY.gyro_observe_block(self._here, block))
+
+    def gather(self, total: Array, weight: Array, **course: float) -> None:
+        """Sum of the gains (angles, phases, n, axes) along an orbit and their number (angles, phases) (stationary.h);
+        course: the pattern's rotation, h between samples, so many of them to settle, so many samples that count.
+        """
+        for name, array in (("total", total), ("weight", weight)):
+            _require(name, array, np.dtype(float))
+        LIBRARY.gyro_gather_gains(self._here, _GATHERING(total=total, weight=weight, **course))
+
+
+def _require(name: str, array: NDArray[Any], kind: np.dtype[Any]) -> None:
+    """Refuse what C would read as something else."""
+    if array.dtype != kind or not array.flags.c_contiguous:
+        raise ValueError(f"{name} is an array of {array.dtype}; the core takes contiguous ones of {kind}")

@@ -1,0 +1,609 @@
+/* The discrete observer (7)(8) of TW I384198 B1: X[m+1] = f(X[m]) + B U[m] + L[m] (Z[m] - H X[m]).
+
+   The gain L comes from an extended Kalman filter, from one with fading memory (Bar-Shalom, Li & Kirubarajan, 2001), or
+   from a table derived once from the dynamics.  Beside the filter's covariance P runs the covariance C that the
+   estimates really have under that gain, C <- (I - LH)(F C F' + Q)(I - LH)' + L R L': with fading memory P is about
+   twice C, with a tabulated gain there is no P at all.  Intervals are reported from C; for the plain EKF the two are one
+   and only P is carried.
+
+   Covariances have rows of `width` numbers, of which the first n count; beyond them are zeros, which they stay. */
+#ifndef GYRO_OBSERVER_H
+#define GYRO_OBSERVER_H
+
+#include "angle_error.h"
+#include "flow.h"
+#include "lanes.h"
+#include "layout.h"
+#include "model.h"
+#include "pattern.h"
+#include "sensing.h"
+#include "signals.h"
+#include "structs.h"
+
+/* The smoothed NIS is 1 +- 0.16 when the covariance is right: 3 is never reached by chance. */
+#define LARGE_NIS R(3.0)
+#define ATTENTION R(0.05)
+#define FASTEST R(0.1)
+
+/* p <- F p F' of two axes: T = g' p, of which the constants' part is the states' new one, and their square T g. */
+static inline void propagate_two(real *p, whole n, whole width, const real *g, real *scratch)
+{
+    whole fours = width - width % 4;
+    real *mirror = scratch + 4 * width; /* T, column by column */
+    for (whole j = 0; j < fours; j += 4) {
+        four row = take4(p + j);
+        four t0 = scale4(g[0], row), t1 = scale4(g[1], row), t2 = scale4(g[2], row), t3 = scale4(g[3], row);
+        for (whole k = 1; k < n; k++) {
+            const real *q = g + 4 * k;
+            row = take4(p + k * width + j);
+            t0 = add4(t0, scale4(q[0], row));
+            t1 = add4(t1, scale4(q[1], row));
+            t2 = add4(t2, scale4(q[2], row));
+            t3 = add4(t3, scale4(q[3], row));
+        }
+        put4(scratch + j, t0);
+        put4(scratch + width + j, t1);
+        put4(scratch + 2 * width + j, t2);
+        put4(scratch + 3 * width + j, t3);
+        put_columns4(mirror + 4 * j, t0, t1, t2, t3);
+    }
+    for (whole j = fours; j < n; j++) {
+        four column = scale4(p[j], take4(g));
+        for (whole k = 1; k < n; k++)
+            column = add4(column, scale4(p[k * width + j], take4(g + 4 * k)));
+        put4(mirror + 4 * j, column);
+    }
+    four q = take4(g);
+    four t0 = scale4(mirror[0], q), t1 = scale4(mirror[1], q), t2 = scale4(mirror[2], q), t3 = scale4(mirror[3], q);
+    for (whole k = 1; k < n; k++) {
+        const real *column = mirror + 4 * k;
+        q = take4(g + 4 * k);
+        t0 = add4(t0, scale4(column[0], q));
+        t1 = add4(t1, scale4(column[1], q));
+        t2 = add4(t2, scale4(column[2], q));
+        t3 = add4(t3, scale4(column[3], q));
+    }
+    put4(p, t0);
+    put4(p + width, t1);
+    put4(p + 2 * width, t2);
+    put4(p + 3 * width, t3);
+    for (whole i = 0; i < 4; i++) {
+        for (whole j = i + 1; j < 4; j++)
+            p[j * width + i] = p[i * width + j];
+        for (whole j = 4; j < fours; j += 4)
+            put4(p + i * width + j, take4(scratch + i * width + j));
+        for (whole j = fours; j < n; j++)
+            p[i * width + j] = mirror[4 * j + i];
+    }
+    for (whole j = 4; j < n; j++)
+        put4(p + j * width, take4(mirror + 4 * j));
+}
+
+/* p (n, width) <- factor F p F' with F = [g'; 0 I]: only the rows of the states change; g (n, states), scratch
+   (2 states, width). */
+static inline void propagate(real *p, whole n, whole width, const real *g, whole states, real *scratch, real factor)
+{
+    if (states == 4) {
+        propagate_two(p, n, width, g, scratch);
+    } else {
+        for (whole i = 0; i < states; i++) {
+            real *t = scratch + i * width;
+            for (whole j = 0; j < n; j++)
+                t[j] = R(0.0);
+            for (whole k = 0; k < n; k++) {
+                real w = g[k * states + i];
+                if (w != R(0.0)) /* the sense offsets move nothing */
+                    for (whole j = 0; j < n; j++)
+                        t[j] += w * p[k * width + j];
+            }
+        }
+        for (whole i = 0; i < states; i++) {
+            const real *t = scratch + i * width;
+            for (whole j = i; j < states; j++) {
+                real total = R(0.0);
+                for (whole k = 0; k < n; k++)
+                    total += t[k] * g[k * states + j];
+                p[i * width + j] = total;
+                p[j * width + i] = total;
+            }
+            for (whole j = states; j < n; j++) {
+                p[i * width + j] = t[j];
+                p[j * width + i] = t[j];
+            }
+        }
+    }
+    if (factor != R(1.0))
+        for (whole i = 0; i < n; i++)
+            for (whole j = 0; j < n; j++)
+                p[i * width + j] *= factor;
+}
+
+/* Force noise on the velocities, random walks on the constants; the rate's moves the velocities, too (Euler's term). */
+static inline void add_process_noise(real *p, whole width, const Settings *settings, real h, const real *s,
+                                     const whole *active, whole count, const real *intensity, real *jumped)
+{
+    whole states = settings->states;
+    for (whole axis = 0; axis < settings->axes; axis++) {
+        real q = settings->force_noise[axis];
+        whole i = 2 * axis;
+        p[i * width + i] += q * h * h * h / R(3.0);
+        p[i * width + i + 1] += q * h * h / R(2.0);
+        p[(i + 1) * width + i] += q * h * h / R(2.0);
+        p[(i + 1) * width + i + 1] += q * h;
+    }
+    for (whole k = 0; k < count; k++) {
+        real q = intensity[k] * h;
+        if (q == R(0.0))
+            continue;
+        whole row = states + k;
+        p[row * width + row] += q;
+        jump(settings->model, s, active[k], jumped);
+        for (whole i = 0; i < states; i++) {
+            if (jumped[i] == R(0.0))
+                continue;
+            p[row * width + i] += q * jumped[i];
+            p[i * width + row] += q * jumped[i];
+            for (whole j = 0; j < states; j++)
+                p[i * width + j] += q * (jumped[i] * jumped[j]); /* in this order: the same in both triangles */
+        }
+    }
+}
+
+/* seen (2, width) <- H p for the channels of jacobian (2, n). */
+static inline void project(const real *p, whole n, whole width, const real *jacobian, whole channels, real *seen)
+{
+    for (whole a = 0; a < channels; a++) {
+        real *of_a = seen + a * width;
+        for (whole i = 0; i < width; i++)
+            of_a[i] = R(0.0);
+        for (whole j = 0; j < n; j++) {
+            real w = jacobian[a * n + j];
+            if (w != R(0.0)) /* few are not */
+                for (whole i = 0; i < n; i++)
+                    of_a[i] += w * p[j * width + i];
+        }
+    }
+}
+
+/* gain (n, 2) <- p H' inv(S) with S = H p H' + R for one or two channels; returns nu' inv(S) nu per channel, expected
+   1; scratch (2, width). */
+static inline real kalman_gain(const real *p, whole n, whole width, const real *jacobian, const real *noise,
+                               whole channels, const real *nu, real *gain, real *scratch)
+{
+    const real *seen0 = scratch, *seen1 = scratch + width;
+    project(p, n, width, jacobian, channels, scratch);
+    real s00 = noise[0];
+    for (whole j = 0; j < n; j++)
+        s00 += jacobian[j] * seen0[j];
+    if (channels == 1) {
+        for (whole i = 0; i < n; i++)
+            gain[2 * i] = seen0[i] / s00;
+        return nu[0] * nu[0] / s00;
+    }
+    real s11 = noise[1], s01 = R(0.0);
+    for (whole j = 0; j < n; j++) {
+        s01 += jacobian[j] * seen1[j];
+        s11 += jacobian[n + j] * seen1[j];
+    }
+    real determinant = s00 * s11 - s01 * s01;
+    for (whole i = 0; i < n; i++) {
+        gain[2 * i] = (seen0[i] * s11 - seen1[i] * s01) / determinant;
+        gain[2 * i + 1] = (seen1[i] * s00 - seen0[i] * s01) / determinant;
+    }
+    return R(0.5) * (nu[0] * nu[0] * s11 - R(2.0) * nu[0] * nu[1] * s01 + nu[1] * nu[1] * s00) / determinant;
+}
+
+/* p <- p - p H' inv(S) H p with S = H p H' + R for two channels whose noise is independent, and gain <- p H' inv(S) of
+   p as it was; variance <- the diagonal of S; returns nu' inv(S) nu per channel, expected 1.  H, R and nu stand in work.
+
+   One channel after the other, each with y = p h/sqrt(S): what is taken off, y y', is symmetric to the last bit.  The
+   angle's uncertainty follows. */
+static inline real measure_two(real *p, whole n, whole width, Memory *memory, Workspace *work)
+{
+    const real *jacobian = work->jacobian, *noise = work->noise, *nu = work->innovation;
+    real *gain = work->gain, *seen0 = work->projected, *seen1 = work->projected + width;
+    project(p, n, width, jacobian, 2, work->projected);
+    real s00 = noise[0], s01 = R(0.0), s11 = noise[1];
+    for (whole j = 0; j < n; j++) {
+        s00 += jacobian[j] * seen0[j];
+        s01 += jacobian[n + j] * seen0[j];
+        s11 += jacobian[n + j] * seen1[j];
+    }
+    work->variance[0] = s00;
+    work->variance[1] = s11;
+    real first = R(1.0) / SQRT(s00);
+    real shared = first * s01; /* y of the first channel by h of the second */
+    real rest = s11 - shared * shared;
+    real second = R(1.0) / SQRT(rest);
+    for (whole i = 0; i < width; i++) {
+        real y = first * seen0[i];
+        seen0[i] = y;
+        seen1[i] = second * (seen1[i] - shared * y);
+    }
+    for (whole i = 0; i < n; i++) {
+        gain[2 * i + 1] = second * seen1[i];
+        gain[2 * i] = first * seen0[i] - first * shared * gain[2 * i + 1];
+    }
+    turn_angle(memory, jacobian, seen0, n, first);
+    turn_angle(memory, jacobian + n, seen1, n, second);
+    for (whole i = 0; i < n; i++) {
+        real y0 = -seen0[i], y1 = -seen1[i];
+        real *row = p + i * width;
+        for (whole j = 0; j < width; j++)
+            row[j] = (row[j] + y0 * seen0[j]) + y1 * seen1[j];
+    }
+    real white = first * nu[0];
+    real other = second * (nu[1] - shared * white);
+    return R(0.5) * (white * white + other * other);
+}
+
+/* Factor on the predicted covariance: the chosen memory, shorter while the innovations deny the covariance.
+
+   An innovation that stays several times larger than predicted means a change or a wrong start; forgetting faster until
+   prediction and innovation agree is what lets the observer catch it (adaptive fading, Xia, Rao, Ying & Shen,
+   Automatica 30(8), 1994). */
+static inline real fading_factor(const Settings *settings, const Memory *memory)
+{
+    real fade = settings->fade;
+    if (fade > R(1.0) && memory->nis > LARGE_NIS) {
+        real haste = R(0.01) * (memory->nis - LARGE_NIS);
+        fade *= R(1.0) + (FASTEST < haste ? FASTEST : haste);
+    }
+    return fade;
+}
+
+/* p <- p - k w' - w k', both triangles: along contiguous rows that costs less than one triangle and its mirror, and
+   rounds alike in both. */
+static inline void subtract_products(real *p, whole n, whole width, const real *k, const real *w)
+{
+    for (whole i = 0; i < n; i++) {
+        real ki = k[i], wi = w[i];
+        real *row = p + i * width;
+        for (whole j = 0; j < n; j++)
+            row[j] -= ki * w[j] + wi * k[j];
+    }
+}
+
+/* p <- (I - KH) p (I - KH)' + K R K', symmetric to the last bit and positive for any gain (n, 2); scratch (4, width).
+
+   With S = H p H' + R and W = p H' - K S / 2 it is p - K W' - W K'. */
+static inline void joseph(real *p, whole n, whole width, const real *jacobian, const real *noise, whole channels,
+                          const real *gain, real *scratch)
+{
+    real *w0 = scratch, *w1 = scratch + width, *k0 = scratch + 2 * width, *k1 = scratch + 3 * width;
+    project(p, n, width, jacobian, channels, scratch);
+    for (whole i = 0; i < n; i++)
+        k0[i] = gain[2 * i];
+    real s00 = noise[0];
+    for (whole j = 0; j < n; j++)
+        s00 += jacobian[j] * w0[j];
+    if (channels == 1) {
+        for (whole i = 0; i < n; i++)
+            w0[i] -= R(0.5) * s00 * k0[i];
+        subtract_products(p, n, width, k0, w0);
+        return;
+    }
+    real s11 = noise[1], s01 = R(0.0);
+    for (whole j = 0; j < n; j++) {
+        s01 += jacobian[j] * w1[j];
+        s11 += jacobian[n + j] * w1[j];
+        k1[j] = gain[2 * j + 1];
+    }
+    for (whole i = 0; i < n; i++) {
+        w0[i] -= R(0.5) * (s00 * k0[i] + s01 * k1[i]);
+        w1[i] -= R(0.5) * (s01 * k0[i] + s11 * k1[i]);
+    }
+    subtract_products(p, n, width, k0, w0);
+    subtract_products(p, n, width, k1, w1);
+}
+
+/* Joseph update of p for a direct measurement of entry `row` with variance `noise` and any gain (n,); scratch (n,). */
+static inline void rank_one(real *p, whole n, whole width, whole row, const real *gain, real noise, real *scratch)
+{
+    real half = R(0.5) * (p[row * width + row] + noise);
+    for (whole i = 0; i < n; i++)
+        scratch[i] = p[row * width + i] - half * gain[i];
+    subtract_products(p, n, width, gain, scratch);
+}
+
+/* Entry of the whole state vector behind entry i of a covariance. */
+static inline whole entry_of(const Settings *settings, const whole *active, whole i)
+{
+    return i < settings->states ? i : settings->states + active[i - settings->states];
+}
+
+/* Measure one constant against its initial value, with variance `noise`; scratch (2 or more, width). */
+static inline void recall_initial(const Settings *settings, const whole *active, whole index, real initial, real noise,
+                                  Estimate *estimate, real *scratch)
+{
+    real *x = estimate->x, *p = estimate->p, *c = estimate->c;
+    whole n = estimate->n, width = estimate->width, row = settings->states + index;
+    real *gain = scratch;
+    real share = R(1.0) / (p[row * width + row] + noise);
+    real pull = initial - x[settings->states + active[index]];
+    for (whole i = 0; i < n; i++) {
+        gain[i] = p[row * width + i] * share;
+        x[entry_of(settings, active, i)] += gain[i] * pull;
+    }
+    if (settings->axes == 2)
+        recall_angle(estimate->memory, settings->two_covariances == 1 ? c : p, n, width, row, gain, noise);
+    rank_one(p, n, width, row, gain, noise, scratch + width);
+    if (settings->two_covariances == 1)
+        rank_one(c, n, width, row, gain, noise, scratch + width);
+}
+
+/* Give back what fading memory forgot of the initial values.
+
+   Fading memory forgets in every direction but learns only in excited ones.  One constant after the other is measured
+   against its initial value with just the information that was forgotten (prior, its variance): P stays bounded by about
+   the initial spread and an unexcited constant returns to that value instead of drifting (stabilised forgetting, Kulhavy
+   & Zarrop, Int. J. Control 58(4), 1993; one direction at a time as in Gunnarsson, CDC 1996).  A constant whose variance
+   has passed its initial one (a large memory->nis had the filter forget in haste) is brought back to it at once. */
+static inline void remember_prior(const Settings *settings, const whole *active, whole count,
+                                  const Constants *constants, Estimate *estimate, real *scratch)
+{
+    const real *prior = constants->prior, *spread = constants->spread, *initial = constants->initial;
+    Memory *memory = estimate->memory;
+    memory->cursor = (memory->cursor + 1) % count;
+    whole k = memory->cursor;
+    if (prior[k] > R(0.0)) /* else known exactly from the start: nothing is forgotten of it */
+        recall_initial(settings, active, k, initial[k], prior[k], estimate, scratch);
+    for (k = 0; k < count; k++) {
+        whole row = settings->states + k;
+        real variance = estimate->p[row * estimate->width + row];
+        if (spread[k] > R(0.0) && variance > spread[k]) {
+            real noise = variance * spread[k] / (variance - spread[k]);
+            recall_initial(settings, active, k, initial[k], noise, estimate, scratch);
+        }
+    }
+}
+
+/* Stationary gain (n, 2) at the pattern angle and vibration phase of s, bilinear in the table (angles, phases, n,
+   channels).
+
+   The pattern angle is known modulo pi; the angle and pi with the phase and pi is the same motion, which is what the
+   wrap uses. */
+static inline void tabulated_gain(const Table *table, whole n, const real *s, real *gain)
+{
+    whole angles = table->angles, phases = table->phases, channels = table->channels;
+    real theta, phase;
+    phase_and_angle(s, R(1.0), &theta, &phase);
+    real u = (theta + R(0.5) * PI) / PI * (real)angles;
+    real v = (phase + PI) / (R(2.0) * PI) * (real)phases;
+    for (whole i = 0; i < 2 * n; i++)
+        gain[i] = R(0.0);
+    if (!isfinite(u) || !isfinite(v)) /* of a filter that has diverged: no cell is near */
+        return;
+    whole i0 = (whole)FLOOR(u), j0 = (whole)FLOOR(v);
+    real fu = u - (real)i0, fv = v - (real)j0;
+    for (whole di = 0; di < 2; di++) {
+        whole row = i0 + di, shift = 0;
+        if (row >= angles) {
+            row -= angles;
+            shift = phases / 2;
+        }
+        real wu = di == 1 ? fu : R(1.0) - fu;
+        for (whole dj = 0; dj < 2; dj++) {
+            whole column = (j0 + dj + shift) % phases;
+            real w = wu * (dj == 1 ? fv : R(1.0) - fv);
+            const real *cell = table->gains + (row * phases + column) * n * channels;
+            for (whole i = 0; i < n; i++)
+                for (whole a = 0; a < channels; a++)
+                    gain[2 * i + a] += w * cell[i * channels + a];
+        }
+    }
+}
+
+/* Whether the gain comes from the covariance recursion: always, but for a table that has taken over. */
+static inline int runs_riccati(const Settings *settings, const Memory *memory)
+{
+    return !(settings->stationary == 1 && memory->time >= settings->takeover);
+}
+
+/* Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]. */
+static inline void predict_state(const Settings *settings, const whole *active, whole count, Memory *memory, real *x,
+                                 const real *u, whole terms, real h, Workspace *work)
+{
+    whole states = settings->states, columns = work->flow.columns;
+    real *out = work->flow.out, *g = work->transition;
+    real(*slips)[MAX_COLUMNS] = work->flow.push.slips;
+    Interval interval = {memory->time, h, u, terms};
+    signal_values(settings, memory, memory->time, work->flow.push.signals);
+    for (whole k = 0; k < settings->slip_count; k++)
+        slips[k][0] = memory->signals[settings->slips[k][0]][0];
+    if (memory->time == 0.0 && settings->slip_count > 0)
+        begin_ways(settings, x + states, x, 1, &work->flow.push);
+    flow(settings, &interval, memory->past, x + states, x, columns, &work->flow);
+    for (whole k = 0; k < settings->slip_count; k++)
+        memory->signals[settings->slips[k][0]][0] = slips[k][0];
+    for (whole i = 0; i < states; i++) {
+        const real *row = out + i * columns;
+        x[i] = row[0];
+        for (whole j = 0; j < states; j++)
+            g[j * states + i] = row[1 + j];
+        for (whole k = 0; k < count; k++) {
+            whole offset = active[k] - settings->sense_constants;
+            g[(states + k) * states + i] = offset >= 0 ? row[1 + states + offset] : R(0.0);
+        }
+    }
+}
+
+/* Add to predicted measurement and Jacobian in work what the effects do to the measurement at the end of the
+   interval. */
+static inline void sense_effects(const Settings *settings, Memory *memory, const real *x, const real *u, whole terms,
+                                 real h, Workspace *work)
+{
+    whole states = settings->states, total = work->total;
+    real *out = work->flow.out, *full = work->full, *predicted = work->predicted;
+    real *drive = work->flow.push.drive, *signals = work->flow.push.signals;
+    const real *c = x + states;
+    drive_at(u, settings->axes, terms, R(1.0), drive);
+    signal_values(settings, memory, memory->time + h, signals);
+    for (whole e = 0; e < settings->effect_count; e++)
+        effect_sense(settings->effects[e][0], settings->model, c, x, drive, signals, settings->effects[e][1],
+                     settings->effects[e][2], predicted, full, total, full + states, total);
+    if (settings->sense_delay < 0)
+        return;
+    for (whole axis = 0; axis < settings->axes; axis++) {
+        whole row = 2 * axis, columns = work->flow.columns;
+        Interval interval = {memory->time + h, h, u, terms};
+        sensed_before(settings, &interval, memory->past, c, x, axis, &work->flow);
+        real *of_axis = full + axis * total;
+        predicted[axis] += out[row * columns] - x[row];
+        of_axis[row] -= R(1.0);
+        for (whole j = 0; j < states + settings->flow_constants; j++)
+            of_axis[j < states ? j : j + settings->sense_constants] += out[row * columns + 1 + j];
+        of_axis[states + settings->sense_delay + axis] -= out[(row + 1) * columns];
+    }
+}
+
+/* Innovation (0 where z is NaN), measurement Jacobian over [states, active constants] and noise into work; false if z
+   is all NaN. */
+static inline int predict_measurement(const Settings *settings, const whole *active, whole count, Memory *memory,
+                                      const real *x, const Sample *sample, Workspace *work)
+{
+    whole states = settings->states, total = work->total, n = work->n;
+    real *full = work->full, *predicted = work->predicted;
+    Push *push = &work->flow.push;
+    for (whole i = 0; i < 2 * total; i++)
+        full[i] = R(0.0);
+    if (senses_otherwise(settings)) {
+        drive_at(sample->u, settings->axes, sample->terms, R(1.0), push->drive);
+        signal_values(settings, memory, memory->time + sample->h, push->signals);
+        sensed_otherwise(settings, x + states, x, push, predicted, full, full + states, total);
+    } else {
+        sense(settings->model, x + states, x, predicted, full, total);
+        if (settings->effect_count > 0)
+            sense_effects(settings, memory, x, sample->u, sample->terms, sample->h, work);
+    }
+    int measured = 0;
+    for (whole channel = 0; channel < settings->axes; channel++) {
+        int usable = isfinite(sample->z[channel]) != 0;
+        const real *of_channel = full + channel * total;
+        real *jacobian = work->jacobian + channel * n;
+        measured = measured || usable;
+        work->innovation[channel] = usable ? sample->z[channel] - predicted[channel] : R(0.0);
+        work->noise[channel] = settings->noise[channel];
+        for (whole j = 0; j < states; j++)
+            jacobian[j] = usable ? of_channel[j] : R(0.0);
+        for (whole k = 0; k < count; k++)
+            jacobian[states + k] = usable ? of_channel[states + active[k]] : R(0.0);
+    }
+    return measured;
+}
+
+/* Advance state and covariances over h with the drive u (axes, terms) that acted. */
+static inline void predict(const Settings *settings, const whole *active, whole count, const real *intensity,
+                           Estimate *estimate, const real *u, whole terms, real h, Workspace *work)
+{
+    real *x = estimate->x, *p = estimate->p, *c = estimate->c;
+    Memory *memory = estimate->memory;
+    whole n = estimate->n, width = estimate->width, states = settings->states;
+    real *g = work->transition;
+    predict_state(settings, active, count, memory, x, u, terms, h, work);
+    if (settings->signal_count > 0)
+        advance_signals(settings, memory, x + states, u, terms, h);
+    if (settings->axes == 2) {
+        predict_angle(settings, memory, settings->two_covariances == 1 ? c : p, n, width, h);
+        move_angle(memory, g, n);
+    }
+    if (settings->two_covariances == 1) {
+        propagate(c, n, width, g, states, work->rows, R(1.0));
+        add_process_noise(c, width, settings, h, x, active, count, intensity, work->jump);
+    }
+    if (runs_riccati(settings, memory)) {
+        propagate(p, n, width, g, states, work->rows, fading_factor(settings, memory));
+        add_process_noise(p, width, settings, h, x, active, count, intensity, work->jump);
+    }
+}
+
+/* x, all constants in it, plus gain (n, 2) times the innovation. */
+static inline void add_correction(const Settings *settings, const whole *active, whole n, const real *gain,
+                                  const real *nu, real *x)
+{
+    for (whole i = 0; i < n; i++) {
+        real correction = R(0.0);
+        for (whole channel = 0; channel < settings->axes; channel++)
+            correction += gain[2 * i + channel] * nu[channel];
+        x[entry_of(settings, active, i)] += correction;
+    }
+}
+
+/* Variances of what is measured, by the covariance `actual`, into work. */
+static inline void predict_variance(const real *actual, whole n, whole width, whole channels, Workspace *work)
+{
+    for (whole channel = 0; channel < channels; channel++) {
+        const real *jacobian = work->jacobian + channel * n;
+        real variance = work->noise[channel];
+        for (whole i = 0; i < n; i++)
+            if (jacobian[i] != R(0.0))
+                for (whole j = 0; j < n; j++)
+                    if (jacobian[j] != R(0.0))
+                        variance += jacobian[i] * actual[i * width + j] * jacobian[j];
+        work->variance[channel] = variance;
+    }
+}
+
+/* Update state and covariances with the sample (NaN: no measurement); work receives innovation and its variance. */
+static inline void correct(const Settings *settings, const whole *active, whole count, const Constants *constants,
+                           const Table *table, Estimate *estimate, const Sample *sample, Workspace *work)
+{
+    real *x = estimate->x, *p = estimate->p, *c = estimate->c;
+    Memory *memory = estimate->memory;
+    const real *nu = work->innovation;
+    real *jacobian = work->jacobian, *gain = work->gain, *noise = work->noise, *assumed = work->assumed;
+    whole channels = settings->axes, n = estimate->n, width = estimate->width;
+    int measured = predict_measurement(settings, active, count, memory, x, sample, work);
+    const real *actual = settings->two_covariances == 1 ? c : p;
+    int riccati = runs_riccati(settings, memory);
+    for (whole channel = 0; channel < channels; channel++)
+        assumed[channel] = noise[channel] + settings->ignored[channel];
+    if (measured && riccati && channels == 2 && settings->two_covariances == 0) {
+        real nis = measure_two(p, n, width, memory, work);
+        memory->nis += (nis - memory->nis) * ATTENTION;
+        add_correction(settings, active, n, gain, nu, x);
+    } else {
+        predict_variance(actual, n, width, channels, work);
+        if (!measured)
+            return;
+        if (riccati) {
+            real nis = kalman_gain(p, n, width, jacobian, assumed, channels, nu, gain, work->projected);
+            memory->nis += (nis - memory->nis) * ATTENTION;
+        } else {
+            tabulated_gain(table, n, x, gain);
+            for (whole channel = 0; channel < channels; channel++)
+                if (!isfinite(sample->z[channel]))
+                    for (whole i = 0; i < n; i++)
+                        gain[2 * i + channel] = R(0.0);
+        }
+        add_correction(settings, active, n, gain, nu, x);
+        if (channels == 2)
+            correct_angle(memory, actual, n, width, jacobian, noise, channels, gain, work->projected);
+        if (settings->two_covariances == 1)
+            joseph(c, n, width, jacobian, noise, channels, gain, work->projected);
+        if (riccati)
+            joseph(p, n, width, jacobian, assumed, channels, gain, work->projected);
+    }
+    if (riccati && settings->fade > R(1.0) && count > 0)
+        remember_prior(settings, active, count, constants, estimate, work->projected);
+}
+
+/* past (intervals, axes, terms), newest first, gets u (axes, terms) in front and loses its oldest. */
+static inline void shift_drives(real (*past)[MAX_AXES][MAX_DEGREE], const real *u, whole axes, whole terms)
+{
+    for (whole j = MAX_DELAY; j > 0; j--)
+        memcpy(past[j], past[j - 1], sizeof past[j]);
+    memset(past[0], 0, sizeof past[0]);
+    for (whole axis = 0; axis < axes; axis++)
+        for (whole n = 0; n < terms && n < MAX_DEGREE; n++)
+            past[0][axis][n] = u[axis * terms + n];
+}
+
+/* Keep the drive of the interval that has ended, for a path that is late. */
+static inline void remember_drive(const Settings *settings, Memory *memory, const real *u, whole terms)
+{
+    if (settings->drive_delay >= 0 || settings->sense_delay >= 0 || settings->watched_drive_delay >= 0)
+        shift_drives(memory->past, u, settings->axes, terms);
+}
+
+#endif
