@@ -1,50 +1,58 @@
 """Compile the C sources of the packages into shared libraries beside them: `python compile_native.py`.
 
-The wheel's build hook and `make install` run it.  Any C99 compiler serves: `$CC`, cc, gcc, clang, or the package
-ziglang, which needs no root.
+The wheel's build hook and `make install` run it.  Any C99 compiler serves (`estimator/core/compiler.py`); the core's
+model is printed as C first, by SymPy.
 """
 
 import importlib.util
-import os
-import shlex
-import shutil
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
+ROOT = Path(__file__).parent
+CORE = ROOT / "estimator" / "core"
 LIBRARIES = {
     "device_emulator/native/libdevice.so.1": ("device_emulator/native/device.c",),
     "hil/loop/native/libturn.so.1": ("hil/loop/native/turn.c", "firmware/src/hil_spec.c"),
 }
-"""What is built, from which sources; paths from the root of the project."""
+"""What is built beside the core, from which sources; paths from the root of the project."""
 
-FLAGS = ("-std=c99", "-O3", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-fPIC", "-shared")
-WARNINGS = ("-Wall", "-Wextra", "-Werror", "-Wconversion")
+
+def _loaded(script: Path) -> ModuleType:
+    """A file by itself: its package is not installed yet."""
+    spec = importlib.util.spec_from_file_location(script.stem, script)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def compiler() -> list[str]:
     """The command of a C compiler, empty where there is none."""
-    if named := os.environ.get("CC"):
-        return shlex.split(named)
-    for name in ("cc", "gcc", "clang"):
-        if found := shutil.which(name):
-            return [found]
-    return [sys.executable, "-m", "ziglang", "cc"] if importlib.util.find_spec("ziglang") else []
+    found: list[str] = _loaded(CORE / "compiler.py").command()
+    return found
+
+
+def print_model() -> None:
+    """Write the core's model.h, by SymPy."""
+    subprocess.run([sys.executable, "-m", "estimator.core.generate", CORE / "model.h"], cwd=ROOT, check=True)
 
 
 def main() -> None:
     """Compile each library; exit with one line where it cannot be done."""
-    command, root = compiler(), Path(__file__).parent
-    if not command:
-        sys.exit("compile_native: no C compiler; sudo apt install gcc libc6-dev, or pip install ziglang")
-    for library, sources in LIBRARIES.items():
-        scratch = root / f"{library}.{os.getpid()}"  # whole or absent, though a process may have the old one open
-        try:
-            paths = [root / source for source in sources]
-            subprocess.run([*command, *FLAGS, *WARNINGS, "-o", scratch, *paths, "-lm"], check=True)
-        except (OSError, subprocess.CalledProcessError) as error:
-            sys.exit(f"compile_native: {sources[0]} was not compiled: {error}")
-        scratch.replace(root / library)
+    compiling, variant = _loaded(CORE / "compiler.py"), _loaded(CORE / "variant.py")
+    if not compiling.command():
+        sys.exit(f"compile_native: no C compiler: {compiling.CURES}")
+    try:
+        print_model()
+        for library, sources in LIBRARIES.items():
+            compiling.compile_library([ROOT / source for source in sources], ROOT / library, compiling.WARNINGS)
+        for name, options in variant.built().items():
+            compiling.compile_library([CORE / "core.c"], CORE / name, (*compiling.WARNINGS, *options))
+    except (compiling.CompilerError, subprocess.CalledProcessError) as error:
+        sys.exit(f"compile_native: {error}")
 
 
 if __name__ == "__main__":
