@@ -3,13 +3,13 @@
 `compile_native.py` loads this file by its path, before anything is installed: it imports nothing else.
 """
 
-import importlib.util
 import os
 import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
 FLAGS = (
@@ -36,7 +36,7 @@ def command() -> list[str]:
     for name in ("cc", "gcc", "clang"):
         if found := shutil.which(name):
             return [found]
-    if importlib.util.find_spec("ziglang"):
+    if find_spec("ziglang"):
         return [sys.executable, "-m", "ziglang", "cc", "-mcpu=baseline"]  # without it: for this very processor
     return []
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from estimator.core import compiler, own
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
-from estimator.kernel import own
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.record import Record
@@ -147,13 +147,12 @@ def test_the_control_law_undoes_it_alike(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("vector", [True, False])
-def test_the_scan_follows_its_signature_alike(vector: bool) -> None:
+def test_the_scan_follows_its_signature_alike() -> None:
     declared, _ = ALIKE["cubic_stiffness"]
     sense, drive = record()
     whole = Record(sense, drive[:, :, None], np.full(SAMPLES, 1 / 4000.0))
-    ours = scan(Problem(whole, with_own(declared), ObserverSettings()), {"mine": {}}, vector=vector)
-    theirs = scan(Problem(whole, device(), ObserverSettings()), {"cubic_stiffness": {}}, vector=vector)
+    ours = scan(Problem(whole, with_own(declared), ObserverSettings()), {"mine": {}})
+    theirs = scan(Problem(whole, device(), ObserverSettings()), {"cubic_stiffness": {}})
     assert np.all(np.diagonal(theirs.normal.sum(axis=0)) > 0.0)
     np.testing.assert_allclose(ours.normal, theirs.normal, rtol=1e-9)
     np.testing.assert_allclose(ours.score, theirs.score, rtol=1e-9)
@@ -273,7 +272,7 @@ def test_a_name_that_is_a_word_of_the_generated_code_is_as_good_as_any() -> None
 
 @pytest.mark.moderate
 def test_code_is_kept_by_what_it_consists_of(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(own, "kernel_cache", lambda: tmp_path)
+    monkeypatch.setenv("GYROHIL_CACHE", str(tmp_path))
     monkeypatch.setattr(own, "_known", {})
     _, model = model_for(2)
 
@@ -290,7 +289,32 @@ def test_code_is_kept_by_what_it_consists_of(tmp_path: Path, monkeypatch: pytest
     assert own.address(changed, model) != place
     monkeypatch.setattr(own, "_known", {})  # as in another process
     assert own.is_compiled(first, model)
-    assert len(list((tmp_path / "own").glob("*.py"))) == 2
+    assert len(list((tmp_path / "own").glob("*.so"))) == 2
+
+
+def test_without_a_compiler_one_line_names_both_cures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("GYROHIL_CACHE", str(tmp_path))
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    monkeypatch.setattr(compiler, "find_spec", lambda name: None)
+    _, model = model_for(2)
+    law = Declaration("mine", force=("-q * x / 5", ""), coefficients={"q": Coefficient("1/s²")})
+    cures = r"^effect mine: no C compiler: .*apt install gcc.*pip install 'gyrohil\[compiler\]'$"
+    with pytest.raises(ModelError, match=cures):
+        own.address(law.effect(scaling(), 2), model)
+
+
+def test_a_compiler_that_fails_is_told_with_its_word(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    broken = tmp_path / "cc"
+    broken.write_text("#!/bin/sh\necho 'cc: fatal error: out of wits' >&2\nexit 1\n")
+    broken.chmod(0o755)
+    monkeypatch.setenv("GYROHIL_CACHE", str(tmp_path))
+    monkeypatch.setenv("CC", str(broken))
+    _, model = model_for(2)
+    law = Declaration("mine", force=("-q * x / 6", ""), coefficients={"q": Coefficient("1/s²")})
+    with pytest.raises(ModelError, match=r"^effect mine: .*out of wits"):
+        own.address(law.effect(scaling(), 2), model)
+    assert not list((tmp_path / "own").iterdir())  # nothing half made
 
 
 @pytest.mark.slow
