@@ -8,17 +8,29 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from estimator.effects.declaration import Source
-from estimator.kernel.angle import note_forced_rotation, read_angle
-from estimator.kernel.angle_error import correct_angle, note_gradient, recall_angle, refer_angle
-from estimator.kernel.controller import acting, advance_queue, command, control_law, dither_force, holds, undo_effects
-from estimator.kernel.layout import MAX_SIGNALS, OUTPUT, PHI_X, RATE
-from estimator.kernel.observer import workspace
-from estimator.kernel.pattern import pattern
-from estimator.kernel.signals import directions
-from estimator.kernel.stationary import Course, gather_gains, holding_force, orbit
+from estimator.core.filter import Filter
+from estimator.core.layout import OUTPUT, PHI_X, RATE
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, ObserverSettings
+from tests.estimator.core_pieces import (
+    acting,
+    advance_queue,
+    command,
+    control_law,
+    correct_angle,
+    dither_force,
+    holding_force,
+    holds,
+    note_forced_rotation,
+    note_gradient,
+    orbit,
+    pattern,
+    read_angle,
+    recall_angle,
+    refer_angle,
+    undo_effects,
+    workspace,
+)
 from tests.estimator.gyro_loop import Array, Truth
 
 TRUTH = Truth()
@@ -128,7 +140,7 @@ def test_with_the_effects_the_force_is_what_was_wanted(
     s = np.array([0.8, -0.1, 0.3, 0.5])
     work = workspace(made.arrays.settings[0], len(made.arrays.p), len(made.x))
     force = np.array([0.4, -0.7])
-    undo_effects(made.arrays.settings[0], made.x[4:].copy(), s, work.flow.push, force)
+    undo_effects(made.arrays.settings[0], made.x[4:].copy(), s, work, force)
     acts = force * (1.0 + np.array(coefficients[:2]))
     if len(coefficients) == 4:
         acts = acts - np.array(coefficients[2:]) * s[[0, 2]] ** 3
@@ -452,7 +464,7 @@ def test_gains_are_gathered_at_the_nearest_angle_and_phase(angles: int, phases: 
         made = observer()
         a = made.arrays
         total, weight = np.zeros((*shape, 13, 2)), np.zeros(shape)
-        gather_gains(a._replace(p=a.p.copy()), Course(0.12, 0.7, settle, samples), total, weight)
+        Filter(a._replace(table=total)).gather(total, weight, rotation=0.12, h=0.7, settle=settle, samples=samples)
         runs.append((total, weight))
     expected, s = np.zeros((angles, phases)), np.zeros(4)
     for m in range(settle, settle + samples):
@@ -468,23 +480,6 @@ def test_gains_are_gathered_at_the_nearest_angle_and_phase(angles: int, phases: 
     np.testing.assert_array_equal(runs[0][1], expected)
     assert np.all(expected.sum(axis=1) > 0.0)
     np.testing.assert_allclose(runs[0][0].sum(axis=(0, 1)), runs[1][0][0, 0], rtol=1e-9, atol=1e-12)
-
-
-def test_only_a_direction_turns_over_with_the_motion() -> None:
-    """Of signals beside one another, and of an axis that there is; each with its derivative by the velocity."""
-    made = observer()
-    settings = made.arrays.settings
-    kinds = [(Source.PARAMETER, 0), (Source.DIRECTION, 1), (Source.DIRECTION, 0), (Source.DIRECTION, 2)]
-    settings["signals"][0, :4] = [(source.value, axis, -1) for source, axis in kinds]
-    settings["signal_parameters"][0, :4, 0] = 7.0, 0.1, 0.2, 0.3
-    settings["signal_count"] = 4
-    values = np.full(2 * MAX_SIGNALS, 9.0)
-    directions(settings[0], np.array([0.5, 0.03, -0.4, -0.02]), values)
-    x, y = math.tanh(0.03 / 0.2), math.tanh(-0.02 / 0.1)
-    expected = np.full(2 * MAX_SIGNALS, 9.0)
-    expected[[1, 2]] = y, x
-    expected[[MAX_SIGNALS + 1, MAX_SIGNALS + 2]] = (1.0 - y * y) / 0.1, (1.0 - x * x) / 0.2
-    np.testing.assert_allclose(values, expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])

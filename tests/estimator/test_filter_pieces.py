@@ -6,10 +6,13 @@ from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 from scipy.linalg import expm, solve
 
-from estimator.kernel.controller import virtual_rate
-from estimator.kernel.gram import BLOCK, add_gram
-from estimator.kernel.observer import (
+from estimator.observer import Observer
+from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise
+from tests.estimator.core_pieces import (
     ATTENTION,
+    Constants,
+    Estimate,
+    Sample,
     add_correction,
     add_process_noise,
     correct,
@@ -17,7 +20,6 @@ from estimator.kernel.observer import (
     joseph,
     kalman_gain,
     measure_two,
-    narrowed,
     propagate,
     rank_one,
     recall_initial,
@@ -26,12 +28,10 @@ from estimator.kernel.observer import (
     runs_riccati,
     shift_drives,
     tabulated_gain,
+    virtual_rate,
     widened,
     workspace,
 )
-from estimator.kernel.structures import Constants, Estimate, Sample
-from estimator.observer import Observer
-from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise
 from tests.estimator.gyro_loop import Array, Truth
 
 TRUTH = Truth(force_noise=1e-5)
@@ -66,9 +66,6 @@ def test_a_covariance_goes_along_with_the_flow(n: int, states: int, factor: floa
     np.testing.assert_allclose(wide[:, :n], factor * transition @ p @ transition.T, rtol=1e-12)
     assert np.array_equal(wide[:, :n], wide[:, :n].T)
     assert not wide[:, n:].any()
-    found = np.zeros((n, n))
-    narrowed(wide, found)
-    assert np.array_equal(found, wide[:, :n])
 
 
 def test_process_noise_is_that_of_a_white_force_and_of_random_walks() -> None:
@@ -231,7 +228,7 @@ def test_one_initial_value_after_the_other_is_recalled_and_what_is_too_wide_at_o
 
 def test_a_correction_reaches_the_constants_that_are_estimated() -> None:
     x, gain, nu = np.zeros(13), RANDOM.standard_normal((6, 2)), np.array([0.5, -2.0])
-    add_correction(4, np.array([2, 7]), gain, nu, 2, x)
+    add_correction(observer().arrays.settings[0], np.array([2, 7]), gain, nu, x)
     expected = np.zeros(13)
     expected[[0, 1, 2, 3, 6, 11]] = gain @ nu
     np.testing.assert_allclose(x, expected, rtol=1e-14)
@@ -315,10 +312,10 @@ def test_a_table_takes_over_when_its_time_has_come() -> None:
 
 
 def test_drives_of_intervals_before_stand_newest_first() -> None:
-    past = np.arange(4 * 2 * 8, dtype=float).reshape(4, 2, 8)
+    past = np.arange(9 * 2 * 8, dtype=float).reshape(9, 2, 8)
     before = past.copy()
     shift_drives(past, np.array([[1.0, 2.0], [3.0, 4.0]]))
-    np.testing.assert_array_equal(past[1:], before[:3])
+    np.testing.assert_array_equal(past[1:], before[:8])
     np.testing.assert_array_equal(past[0], [[1.0, 2.0, *[0.0] * 6], [3.0, 4.0, *[0.0] * 6]])
     long = RANDOM.standard_normal((2, 11))
     shift_drives(past, long)
@@ -344,15 +341,6 @@ def test_attention_is_a_mean_over_twenty_samples() -> None:
     expected = before + ATTENTION * (0.5 * float(size @ size) - before)  # the axes are all but uncorrelated yet
     assert ATTENTION == 1.0 / 20.0
     assert made.arrays.memory["nis"][0] == pytest.approx(expected, rel=1e-3)
-
-
-def test_a_gram_matrix_adds_up_over_its_rows() -> None:
-    """Beside NumPy; more rows than fit a panel, and what is there already is added to."""
-    a = RANDOM.standard_normal((150, 2 * BLOCK))
-    width = a.shape[1]
-    out = np.ones(width * width)
-    add_gram(np.ascontiguousarray(a).ravel(), width, out)
-    np.testing.assert_allclose(np.triu(out.reshape(width, width)), np.triu(a.T @ a + 1.0), rtol=1e-10, atol=1e-10)
 
 
 def test_a_virtual_rotation_comes_back_after_each_period() -> None:

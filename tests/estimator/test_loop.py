@@ -11,9 +11,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.kernel.controller import control_law
-from estimator.kernel.pattern import pattern
 from estimator.settings import Gain, ObserverSettings, Spread
+from tests.estimator.core_pieces import control_law, pattern
 from tests.estimator.gyro_loop import Array, Record, Truth, close_loop, observer_of, slope, true_angle
 
 TRUTH = Truth()

@@ -6,11 +6,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from estimator.kernel.pattern import pattern, unwrap_half_turns
 from estimator.observer import Observer
 from estimator.oracle.pattern import pattern as complex_pattern
 from estimator.oracle.pattern import pattern_gradient
 from estimator.settings import Gain, ObserverSettings, Spread
+from tests.estimator.core_pieces import pattern, unwrap_half_turns
 from tests.estimator.gyro_loop import Array, Truth
 
 
