@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.gain_matrix import BoardFilter, GainMatrix
-from estimator.kernel.foresight import BOARD, follow, foresee
+from estimator.core.board import BOARD, follow, foresee
+from estimator.gain_matrix import BoardFilter
 from estimator.observer import Observer
 from estimator.scaling import Array
 
@@ -49,15 +49,5 @@ class Foresight:
 
     def foresee(self, first: int, missing: int) -> Array:
         """Drive codes (missing, 2) of the rows from tick `first` on, which follow the observer's newest."""
-        drives = np.zeros((missing, 2))
         arrays = self._observer.arrays
-        foresee(arrays.settings, self._board, arrays.x, first, drives)
-        return drives
-
-
-def rehearse(observer: Observer, board: BoardFilter) -> None:
-    """Run everything that gain mode needs once, on nothing, so that its kernels are compiled; spoils the observer."""
-    foresight = Foresight(observer, board, 1, (0, 1))
-    foresight.tell(*GainMatrix(observer, board).solve(2), 0)
-    foresight.follow(0, np.zeros((1, 4), np.int32))
-    observer.run(np.zeros((1, 2)), foresight.foresee(1, 1))
+        return foresee(arrays.settings, self._board, arrays.x, first, missing)

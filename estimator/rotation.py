@@ -13,8 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.core.arguments import Arguments
+from estimator.core.library import LIBRARY
 from estimator.errors import ModelError
-from estimator.kernel.compiled import compiled
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
 from estimator.settings import Gain, Variant
@@ -75,6 +76,14 @@ class _Noise(NamedTuple):
     sample: Array
 
 
+_TURNING = Arguments(
+    ("n", "reference"),
+    ("steps", "rate", "x", "seen", "innovation", "p", "q", "noise", "rotation", "deviation", "states"),
+    ("rate_intensity", "h"),
+)
+"""`Turning` of estimator/core/rotation.h."""
+
+
 class Recursion:
     """The covariance of 13 states and φ from the beginning of `observer`, an EKF's, which has not begun."""
 
@@ -101,64 +110,17 @@ class Recursion:
         """
         n = len(before)
         found = Followed(np.zeros(n), np.zeros(n), np.zeros((n, 13)))
-        _recursion(
-            _transitions(before, self._noise.h), np.ascontiguousarray(before[:, 6]), np.ascontiguousarray(here), seen,
-            innovation, self._p, self._noise, self._reference - self._done, *found,
+        LIBRARY.gyro_turning(
+            _TURNING(
+                n=n, steps=_transitions(before, self._noise.h), rate=np.ascontiguousarray(before[:, 6]),
+                x=np.ascontiguousarray(here), seen=np.ascontiguousarray(seen, dtype=bool),
+                innovation=np.ascontiguousarray(innovation), p=self._p, q=self._noise.q, noise=self._noise.sample,
+                rate_intensity=self._noise.rate, h=self._noise.h, reference=self._reference - self._done,
+                **found._asdict(),
+            )
         )  # fmt: skip
         self._done += n
         return found
-
-
-@compiled
-def _recursion(
-    steps: Array,
-    rate: Array,
-    x: Array,
-    seen: Array,
-    innovation: Array,
-    p: Array,
-    variances: _Noise,
-    reference: int,
-    rotation: Array,
-    deviation: Array,
-    states: Array,
-) -> None:
-    """The Riccati recursion over some samples, one measurement after the other; p (14, 14) goes on."""
-    q, rate_intensity, h, noise = variances
-    f = np.eye(14)
-    f[13, 6] = h
-    jump = np.zeros(14)  # what a unit jump of the rate does: Euler's acceleration, and φ from the middle of the step on
-    jump[6], jump[13] = 1.0, 0.5 * h
-    correction = np.zeros(14)
-    total = 0.0
-    for m in range(len(steps)):
-        f[:4, :4] = steps[m, :, :4]
-        f[:4, 6:13] = steps[m, :, 4:]
-        jump[1], jump[3] = x[m, 2], -x[m, 0]
-        total += h * rate[m]
-        p[:, :] = f @ p @ f.T + q
-        for i in range(14):
-            for j in range(14):
-                p[i, j] += rate_intensity * h * jump[i] * jump[j]
-        correction[:] = 0.0
-        for axis in range(2):
-            if seen[m, axis]:
-                position, offset = 2 * axis, 4 + axis
-                towards = p[:, position] + p[:, offset]
-                variance = towards[position] + towards[offset] + noise[axis]
-                left = (innovation[m, axis] - correction[position] - correction[offset]) / variance
-                for i in range(14):
-                    correction[i] += towards[i] * left
-                    for j in range(14):
-                        p[i, j] -= towards[i] * towards[j] / variance
-        total += correction[13]
-        if m == reference:
-            p[13, :] = 0.0
-            p[:, 13] = 0.0
-        rotation[m] = total
-        deviation[m] = math.sqrt(max(p[13, 13], 0.0))
-        for i in range(13):
-            states[m, i] = math.sqrt(max(p[i, i], 0.0))
 
 
 def _transitions(x: Array, h: float) -> Array:

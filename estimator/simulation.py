@@ -8,9 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.core.free_run import free_run
+from estimator.core.taylor import taylor_order
 from estimator.effects.declaration import Source
 from estimator.errors import ModelError
-from estimator.kernel.taylor import taylor_order
 from estimator.observer import Observer
 from estimator.scaling import Array
 
@@ -61,14 +62,9 @@ def simulate(
     # The damping may exceed the stiffness many times over (a carriage); its rate then sets the length of a part.
     stiff = max(1.0, float(np.max(np.abs(_rates(observer, state)), initial=0.0)))
     parts = max(1, math.ceil(longest * stiff / _LONGEST)) if observer.effects else 1
-    record = observer.arrays.settings.copy()
-    record["order"] = taylor_order(longest / parts, norm=1.5 * stiff) + u.shape[2] - 1
-    sensed = np.zeros((n, axes))
+    order = taylor_order(longest / parts, norm=1.5 * stiff) + u.shape[2] - 1
     x = np.asarray(state, dtype=float) / observer.factors
-    sensitivity = np.zeros((n if sensitive else 0, axes, len(x)))
-    from estimator.kernel.simulation import free_run
-
-    free_run(record, x, u, h, parts, sensitive, sensed, sensitivity)
+    sensed, sensitivity = free_run(observer, x, u, h, order=order, parts=parts, sensitive=sensitive)
     if not np.all(np.isfinite(sensed)):
         row = int(np.argmin(np.all(np.isfinite(sensed), axis=1)))
         raise ModelError(f"the free run leaves all bounds at sample {row}; start nearer, or bound the coefficients")

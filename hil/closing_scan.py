@@ -26,7 +26,7 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     capture = folder.capture
     if capture is None or not len(capture):
         return None
-    # Compiled kernels: after what can be answered without them.
+    # Heavy imports: after what can be answered without them.
     from estimator.completeness.closing import Limits, closing_scan
     from estimator.completeness.stretch import Stretch, stretches_of
     from estimator.trace.start import settling

@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import IO, NamedTuple
 
 from hil import examples
-from hil.compiler import require_compiler
 from hil.errors import InputError
 from hil.progress import Progress, Watcher, untold
 from hil.wire.link_name import Emulated, parse_link
@@ -114,7 +113,6 @@ def emulator(
     It runs in a session of its own: Ctrl-C belongs to the host, which sends SAFE before the board goes.
     `InputError` when the emulator cannot start, or died inside the block and so spoilt what the block did.
     """
-    require_compiler()
     command = [sys.executable, "-m", "device_emulator", str(scenario), "--link", link, "--parent", str(os.getpid())]
     given = {"--truth": truth, "--seed": seed, "--latency": latency_ticks, "--rate": rate_Hz}
     command += [text for name, value in given.items() if value is not None for text in (name, str(value))]

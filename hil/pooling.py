@@ -15,7 +15,6 @@ from hil.also import effects_asked
 from hil.bench import RateSensorBench, load_any_bench, override
 from hil.bench.by_verb import require_usable
 from hil.captured import drives_of, record_of
-from hil.compiler import require_compiler
 from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -51,7 +50,6 @@ def trace_pool_files(
     a trace tries on request only, as `hil.tracing.trace` has them.  Raises InputError for records that cannot be traced
     together; nothing is left then.
     """
-    require_compiler()
     workers()
     declared = load_any_bench(bench_path)
     if isinstance(declared, RateSensorBench):

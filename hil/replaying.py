@@ -15,7 +15,6 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.bench.by_verb import require_usable
 from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
-from hil.compiler import require_compiler
 from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
 from hil.loop.angle import ReportedAngle
@@ -41,8 +40,6 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     Raises InputError when record and bench file do not belong together, and for a record that the observer cannot take;
     nothing is left then.
     """
-    if backend != "numpy":
-        require_compiler()
     require_usable(bench, "replay")
     record = read_capture(capture)
     require_fit(record, bench, capture)

@@ -18,7 +18,6 @@ from hil.also import effects_asked, not_tried
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.bench.by_verb import require_usable
 from hil.captured import control_of, drives_of, record_of
-from hil.compiler import require_compiler
 from hil.declared import observer_settings_of, recorded_device_of
 from hil.envelope import trace_ring_down
 from hil.errors import InputError
@@ -102,7 +101,6 @@ def trace(
             capture, bench, out, fraction=fraction, report=report, missing_force=missing_force, progress=progress
         )
     require_usable(bench, "trace")
-    require_compiler()
     workers()  # no number of them is told before minutes are spent
     require_place(out)
     captured = read_capture(capture)

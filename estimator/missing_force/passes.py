@@ -1,97 +1,45 @@
-"""Forward and backward over a record with a gain that has settled: compiled."""
+"""Forward and backward over a record with a gain that has settled, in the core (estimator/core/missing_force.h)."""
+
+from typing import Any
 
 import numpy as np
 
-from estimator.kernel.compiled import compiled
+from estimator.core.arguments import Arguments
+from estimator.core.library import LIBRARY
+from estimator.scaling import Array
+
+_SETTLED = Arguments(
+    ("n", "m", "s", "axes"),
+    (
+        "transition", "by_rate", "turning", "added", "sense", "seen", "gain", "start", "weight", "covariance",
+        "states", "innovation", "scratch",
+    ),
+)  # fmt: skip
 
 
-@compiled
-def forward(transition, by_rate, turning, added, sense, seen, gain, start, predicted, innovation):  # type: ignore[no-untyped-def]
-    """Predicted states (n, m) and innovations (n, axes), 0 where a sample is lost.
+class Settled:
+    """A filter whose gain has settled, on its way over some samples.
 
-    transition (m, m); by_rate (s, s) its derivative by the rate, of the motion; turning (n,) the rate about which it is
-    not expanded; added (n, s): what is known to push over the interval that ends at each sample; start (m,): the
-    prediction of the first sample.
+    Given are transition (m, m); by_rate (s, s) its derivative by the rate, of the motion; turning (n,) the rate about
+    which it is not expanded; added (n, s): what is known to push over the interval that ends at each sample; sense
+    (n, axes); seen (axes, m); gain (m, axes); start (m,): the prediction of the first sample; weight (axes, axes), the
+    inverse of the innovation's covariance; covariance (m, m) of the prediction.
     """
-    m, s, axes = len(start), by_rate.shape[0], sense.shape[1]
-    x = start.copy()
-    y = np.zeros(m)
-    for k in range(len(sense)):
-        for i in range(m):
-            predicted[k, i] = x[i]
-        for a in range(axes):
-            value = sense[k, a]
-            left = 0.0
-            if np.isfinite(value):
-                left = value
-                for i in range(m):
-                    left -= seen[a, i] * x[i]
-            innovation[k, a] = left
-        for i in range(m):
-            for a in range(axes):
-                x[i] += gain[i, a] * innovation[k, a]
-        if k + 1 == len(sense):
-            break
-        for i in range(m):
-            total = 0.0
-            for j in range(m):
-                total += transition[i, j] * x[j]
-            y[i] = total
-        for i in range(s):
-            total = added[k + 1, i]
-            for j in range(s):
-                total += turning[k + 1] * by_rate[i, j] * x[j]
-            y[i] += total
-        for i in range(m):
-            x[i] = y[i]
 
+    def __init__(self, **given: Array) -> None:
+        n, axes = given["sense"].shape
+        m = len(given["start"])
+        self.states, self.innovation = np.zeros((n, m)), np.zeros((n, axes))
+        self._call: Any = _SETTLED(
+            n=n, m=m, s=len(given["by_rate"]), axes=axes,
+            **{name: np.ascontiguousarray(array) for name, array in given.items()},
+            states=self.states, innovation=self.innovation, scratch=np.zeros(2 * m),
+        )  # fmt: skip
 
-@compiled
-def backward(transition, by_rate, turning, seen, gain, weight, covariance, innovation, states):  # type: ignore[no-untyped-def]
-    """Turn predicted states (n, m) into smoothed ones, in place (Bryson and Frazier).
+    def forward(self) -> None:
+        """states (n, m) ← the predicted ones, innovation (n, axes), 0 where a sample is lost."""
+        LIBRARY.gyro_settled_forward(self._call)
 
-    weight (axes, axes): the inverse of the innovation's covariance; covariance (m, m) of the prediction.
-    """
-    n, m = states.shape
-    s, axes = by_rate.shape[0], seen.shape[0]
-    adjoint = np.zeros(m)
-    back = np.zeros(m)
-    known = np.zeros(axes)
-    for k in range(n - 1, -1, -1):
-        if k + 1 < n:
-            for i in range(m):
-                total = 0.0
-                for j in range(m):
-                    total += transition[j, i] * adjoint[j]
-                back[i] = total
-            for i in range(s):
-                for j in range(s):
-                    back[i] += turning[k + 1] * by_rate[j, i] * adjoint[j]
-        else:
-            for i in range(m):
-                back[i] = 0.0
-        present = False
-        for a in range(axes):
-            if innovation[k, a] != 0.0:
-                present = True
-        if present:
-            for a in range(axes):
-                total = 0.0
-                for b in range(axes):
-                    total += weight[a, b] * innovation[k, b]
-                for j in range(m):
-                    total -= gain[j, a] * back[j]
-                known[a] = total
-            for i in range(m):
-                total = back[i]
-                for a in range(axes):
-                    total += seen[a, i] * known[a]
-                adjoint[i] = total
-        else:
-            for i in range(m):
-                adjoint[i] = back[i]
-        for i in range(m):
-            total = 0.0
-            for j in range(m):
-                total += covariance[i, j] * adjoint[j]
-            states[k, i] += total
+    def backward(self) -> None:
+        """Turn predicted states into smoothed ones, in place (Bryson and Frazier)."""
+        LIBRARY.gyro_settled_backward(self._call)

@@ -8,7 +8,7 @@ import numpy as np
 import sympy as sp
 from scipy.linalg import expm
 
-from estimator.kernel.compiled import compiled
+from estimator.core.series import behind, slipped
 from estimator.missing_force.library import Term
 from estimator.missing_force.linear import SMOOTH, STEEP, Linear, Rule
 from estimator.missing_force.readings import Readings
@@ -75,13 +75,13 @@ class Points:
             assert term.threshold is not None
             q = self._at(name[-1], SMOOTH)
             flat = np.ascontiguousarray(q.ravel())
-            slipped = _slip(flat, term.threshold[1], term.rounded).reshape(q.shape)
-            return np.asarray(slipped[:, -1]) if rule is None else slipped
+            slips = slipped(flat, term.threshold[1], rounded=term.rounded).reshape(q.shape)
+            return np.asarray(slips[:, -1]) if rule is None else slips
         if term.series == "slewed":
             assert term.threshold is not None
             shares = np.ones(1) if rule is None else rule.nodes
-            behind: Array = _behind(self.linear.drive[:, axis, 0].copy(), term.threshold[1] * self.linear.step, shares)
-            return behind[:, 0] if rule is None else behind
+            left = behind(self.linear.drive[:, axis, 0], term.threshold[1] * self.linear.step, shares)
+            return left[:, 0] if rule is None else left
         if term.series == "reading":
             return np.asarray(self.motion[:, 2 * axis] + self.linear.offset[axis])
         if term.series == "lost":
@@ -172,40 +172,3 @@ def _mean_over(series: Array, rows: int) -> Array:
     index = np.arange(len(series))
     low, high = np.maximum(index - rows // 2, 0), np.minimum(index + (rows + 1) // 2, len(series))
     return np.asarray((total[high] - total[low]) / (high - low)[:, None])
-
-
-@compiled
-def _slip(q, reach, rounded):  # type: ignore[no-untyped-def]
-    """A spring that slips: all at once at its reach (Prandtl), or more and more towards it and, unloaded, not at all
-    (Bouc and Wen, exponent 1).
-    """
-    out = np.zeros(len(q))
-    z = 0.0
-    for k in range(1, len(q)):
-        moved = q[k] - q[k - 1]
-        if not rounded:
-            z = min(max(z + moved, -reach), reach)
-        elif moved * z < 0.0:
-            rest = moved + z
-            z = rest if rest * moved <= 0.0 else np.sign(rest) * reach * (1.0 - np.exp(-abs(rest) / reach))
-        elif moved != 0.0:
-            side = np.sign(moved)
-            z = side * (reach - (reach - abs(z)) * np.exp(-abs(moved) / reach))
-        out[k] = z
-    return out
-
-
-@compiled
-def _behind(asked, most, shares):  # type: ignore[no-untyped-def]
-    """What a drive (n,) that changes by no more than `most` in an interval is behind the one that is asked, at these
-    shares of each interval (n, shares): it ramps towards it from where it was, and stays.
-    """
-    out = np.zeros((len(asked), len(shares)))
-    reached = asked[0]
-    for k in range(len(asked)):
-        far = asked[k] - reached
-        for j in range(len(shares)):
-            moved = min(abs(far), most * shares[j])
-            out[k, j] = np.sign(far) * (moved - abs(far))
-        reached += np.sign(far) * min(abs(far), most)
-    return out

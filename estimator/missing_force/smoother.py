@@ -14,7 +14,7 @@ from scipy.linalg import solve_discrete_lyapunov
 from estimator.errors import ModelError
 from estimator.missing_force.latent import HARMONICS, PARTS, Augmented, Latent, augmented
 from estimator.missing_force.linear import Linear, jumps
-from estimator.missing_force.passes import backward, forward
+from estimator.missing_force.passes import Settled
 from estimator.scaling import Array
 
 _LEAST = 1e-14  # variance of a part that is not there, scaled
@@ -94,18 +94,15 @@ def _covariance(transition: Array, seen: Array, noise: Array, seen_noise: Array)
 def _pass(
     linear: Linear, settled: _Settled, added: Array, start: Array, rows: slice, *, smooth: bool
 ) -> tuple[Array, Array]:
-    sense = np.ascontiguousarray(linear.sense[rows] - linear.offset)
-    n, m = len(sense), len(start)
-    states, innovation = np.zeros((n, m)), np.zeros((n, linear.axes))
-    turning = np.ascontiguousarray(linear.turning[rows])
-    transition, by_rate = np.ascontiguousarray(settled.parts.transition), linear.by_rate
-    seen, gain = settled.parts.seen, np.ascontiguousarray(settled.gain)
-    forward(transition, by_rate, turning, added[rows], sense, seen, gain, start, states, innovation)
+    over = Settled(
+        transition=settled.parts.transition, by_rate=linear.by_rate, turning=linear.turning[rows], added=added[rows],
+        sense=linear.sense[rows] - linear.offset, seen=settled.parts.seen, gain=settled.gain, start=start,
+        weight=np.linalg.inv(settled.spread), covariance=settled.covariance,
+    )  # fmt: skip
+    over.forward()
     if smooth:
-        weight = np.linalg.inv(settled.spread)
-        covariance = np.ascontiguousarray(settled.covariance)
-        backward(transition, by_rate, turning, seen, gain, weight, covariance, innovation, states)
-    return states, innovation
+        over.backward()
+    return over.states, over.innovation
 
 
 def _start(linear: Linear, settled: _Settled, added: Array, first: int, length: int) -> Array:

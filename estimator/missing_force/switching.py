@@ -6,10 +6,9 @@ The path is found beside the vibration, by Viterbi, with levels, noise and frequ
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.core.series import likeliest_path
 from estimator.errors import ModelError
-from estimator.kernel.compiled import compiled
 from estimator.missing_force.latent import Latent
 from estimator.missing_force.linear import Linear
 from estimator.missing_force.smoother import smooth
@@ -72,7 +71,7 @@ def _two_levels(left: Array, cycle: float) -> tuple[Array, float, int]:
     path = np.zeros(len(left), dtype=np.int64)
     for _ in range(_TURNS):
         before = path
-        path = _viterbi(values, there, middle - half, middle + half, variance, often)
+        path = likeliest_path(values, there, (middle - half, middle + half), variance, often)
         upper = path == 1
         if min(np.count_nonzero(upper), np.count_nonzero(~upper)) < 2.0 * cycle:
             return nothing
@@ -93,31 +92,3 @@ def _two_levels(left: Array, cycle: float) -> tuple[Array, float, int]:
     ):
         return nothing
     return np.where(upper, 1.0, -1.0), half, changes
-
-
-@compiled
-def _viterbi(values, there, low, high, variance, often) -> NDArray[np.int64]:  # type: ignore[no-untyped-def]
-    """The likeliest path between two levels: 0 and 1."""
-    n = len(values)
-    came = np.zeros((n, 2), dtype=np.int64)
-    stay, change = np.log(1.0 - often), np.log(often)
-    a, b = 0.0, 0.0
-    for k in range(n):
-        if k > 0:
-            to_a, to_b = a + stay, b + stay
-            if b + change > to_a:
-                to_a = b + change
-                came[k, 0] = 1
-            if a + change > to_b:
-                to_b = a + change
-            else:
-                came[k, 1] = 1
-            a, b = to_a, to_b
-        if there[k]:
-            a -= (values[k] - low) ** 2 / (2.0 * variance)
-            b -= (values[k] - high) ** 2 / (2.0 * variance)
-    path = np.zeros(n, dtype=np.int64)
-    path[n - 1] = 1 if b > a else 0
-    for k in range(n - 1, 0, -1):
-        path[k - 1] = came[k, path[k]]
-    return path

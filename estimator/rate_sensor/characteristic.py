@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from estimator.kernel.compiled import compiled
+from estimator.core.series import play
 from estimator.rate_sensor.declaration import Coefficient, Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
@@ -78,17 +78,6 @@ DEAD_BAND = Effect(
     undone="nothing: within the band the rate is not in the record",
     look_alikes={"hysteresis": "approach the same rate from both sides"},
 )
-
-
-@compiled
-def play(rate: Array, width: float) -> Array:
-    """The play operator: follows the rate at a distance of at most `width` (backlash)."""
-    out = np.empty_like(rate)
-    at = rate[0]
-    for m, value in enumerate(rate):
-        at = min(max(at, value - width), value + width)
-        out[m] = at
-    return out
 
 
 HYSTERESIS = Effect(

@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import csd, welch
 
+from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.effects.declaration import Effect, Source
 from estimator.effects.search import Search
 from estimator.errors import ModelError
-from estimator.kernel.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.observer import senses_allow
 from estimator.record import Record
 from estimator.residual.spectrum import lines, periodogram

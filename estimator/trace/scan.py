@@ -7,14 +7,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from estimator.kernel.gram import BLOCK, add_gram
-from estimator.kernel.layout import OUTPUT
-from estimator.kernel.scan import Block, Signatures, scan_block
-from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
+from estimator.core.following import BLOCK, Portion, Signatures, gram, scan_block
+from estimator.core.layout import OUTPUT
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
-from estimator.settings import Gain
 from estimator.side_by_side import side_by_side, stop_if_abandoned, workers
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
@@ -66,23 +63,21 @@ def scan(
     previous: Observer | None = None,
     *,
     weighed: bool = True,
-    vector: bool = True,
     halves: bool = False,
     held: bool = False,
 ) -> Scan:
     """Run the observer of `problem` over its record and follow the signatures of the effects in `watched`.
 
     watched: by name, each with its parameters in SI; previous: an observer whose pass over the record came before.
-    Without `weighed` there are no normal equations: zeros.  Without `vector`, the general kernel runs where the quick
-    one could.  With `halves`, where two may work at a time, each follows half of the effects, with an observer of its
-    own; the numbers are the same, and `observer` is that of the first half.  With `held`, the coefficients of what the
-    observer carries stay as they are.
+    Without `weighed` there are no normal equations: zeros.  With `halves`, where two may work at a time, each follows
+    half of the effects, with an observer of its own; the numbers are the same, and `observer` is that of the first
+    half.  With `held`, the coefficients of what the observer carries stay as they are.
     Raises ModelError as `Observer` does.
     """
     names = list(watched)
     middle = (len(names) + 1) // 2 if halves and workers() > 1 else len(names)
     passes = [
-        _Pass(problem, {name: watched[name] for name in share}, previous, weighed=weighed, vector=vector, held=held)
+        _Pass(problem, {name: watched[name] for name in share}, previous, weighed=weighed, held=held)
         for share in ([names[:middle], names[middle:]] if middle < len(names) else [names])
     ]
     size = sum(len(one.plausible) for one in passes)
@@ -94,9 +89,7 @@ def scan(
         shown = side_by_side([partial(one.advance, part, begin, end) for one in passes])
         if weighed:
             equations = shown[0] if len(shown) == 1 else _beside(shown, [len(one.plausible) for one in passes], width)
-            products = np.zeros(width * width)
-            add_gram(equations.ravel(), width, products)
-            upper = np.triu(products.reshape(width, width))
+            upper = np.triu(gram(equations))
             normal[part] = upper[:size, :size] + np.triu(upper[:size, :size], 1).T
             score[part] = upper[:size, size]
     columns: dict[str, slice] = {}
@@ -145,7 +138,6 @@ class _Pass:
         previous: Observer | None,
         *,
         weighed: bool,
-        vector: bool,
         held: bool,
     ) -> None:
         self.record, settings, self.weighed = problem.record, problem.settings, weighed
@@ -172,10 +164,6 @@ class _Pass:
         self.delta = np.zeros((observer.states + len(observer.active), k))
         self.turned, self.course = np.zeros(k), np.zeros((PARTS * COURSE, k))
         self.level = _SET.jump
-        if settings.gain is Gain.EKF and vector:
-            observer.carry_both()
-        arrays = observer.arrays
-        self.quick = vector and bool(scans_plainly(arrays.settings, arrays.active, arrays.x[: len(arrays.x) - k]))
 
     def advance(self, part: int, begin: int, end: int) -> Array:
         """Over one part of the record; its equations (axes · samples, columns, the innovation and some to spare)."""
@@ -185,9 +173,9 @@ class _Pass:
         instants = self.course[part * COURSE : (part + 1) * COURSE]
         for start, stop, read, spread in _uninterrupted(self.record, begin, end):
             span, lines = slice(start, stop), slice(axes * (start - begin), axes * (stop - begin))
-            block = Block(z[span], u[span], h[span], warmth[span], self.rows[span])
+            portion = Portion(z[span], u[span], h[span], warmth[span], self.rows[span])
             signatures = Signatures(self.delta, self.level, equations[lines], self.turned, instants[read])
-            _advance(self.observer, block, signatures, quick=self.quick)
+            scan_block(self.observer, portion, signatures)
             if spread is not None:
                 self.observer.unsettle(spread)
         with np.errstate(all="ignore"):
@@ -196,11 +184,6 @@ class _Pass:
         if not np.isnan(nis).all():
             self.level = _SET.jump * max(1.0, float(np.nanmedian(nis)) / 0.455)
         return equations
-
-
-def _advance(observer: Observer, block: Block, signatures: Signatures, *, quick: bool) -> None:
-    kernel = scan_plain_block if quick else scan_block
-    kernel(observer.arrays, block, signatures)
 
 
 def _uninterrupted(record: Record, begin: int, end: int) -> Iterator[tuple[int, int, slice, Array | None]]:

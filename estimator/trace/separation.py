@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from estimator.kernel.experiment import Plan, experiment_block
+from estimator.core.experiment import Plan, experiment_block
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
@@ -247,7 +247,7 @@ def loop_record(
     rates = experiment.turning * turn.rate / omega0 * np.sin(2.0 * math.pi / (turn.period * omega0) * t)
     stiffness = 1.0 + experiment.stiffness * np.sign(np.sin(t / _SET.stepping))
     sensed, drive = np.zeros((samples, 2)), np.zeros((samples, 2))
-    experiment_block(loop.arrays, truth, Plan(rates, stiffness, added), sensed, drive)
+    experiment_block(loop, truth, Plan(rates, stiffness, added), sensed, drive)
     volts = np.array([loop.scaling.sense(axis) for axis in range(2)])
     step = np.full(samples, 1.0 / device.sample_rate)
     return Record(sensed * volts, (drive * loop.scaling.drive)[:, :, None], step)

@@ -25,7 +25,7 @@ def prepare(bench: "Bench") -> None:
         say(line)
     if not device.own:
         return
-    from estimator.kernel.own import address, is_compiled
+    from estimator.core.own import address, is_compiled
     from estimator.model.catalogue import model_for
 
     _, model = model_for(device.axes)

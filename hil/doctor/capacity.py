@@ -27,11 +27,11 @@ LARGEST_BLOCK = int(SPEC.registers["BLOCK"].maximum)
 
 
 class Capacity(NamedTuple):
-    """Rates in samples a second; None where it was not measured. `limit` says what the lower one depends on."""
+    """Rates in samples a second. `limit` says what the lower one depends on."""
 
-    force_Hz: float | None
+    force_Hz: float
     force_limit: str
-    gain_Hz: float | None
+    gain_Hz: float
     gain_limit: str
 
 
@@ -39,18 +39,16 @@ def holds(probed: dict[str, Any], held: Capacity) -> list[tuple[str, str, str]]:
     """What the machine holds on that link, a row each: mode, setting of the board, and what it may be."""
     tick, rate_Hz = probed["tick_us"], float(probed["identity"]["tick_rate_Hz"])
     rows = []
-    if tick is not None:
-        answer_us = probed["round_trip_us"]["p99"] + tick["p99"]
-        core_Hz = CORE * 1e6 / (PATH * (probed["busy_us"] + tick["p50"]))
-        for latency in LATENCIES:
-            most = min(latency * 1e6 / answer_us, core_Hz)
-            setting = f"latency {latency} tick{'s' if latency > 1 else ''}"
-            rows.append(("force", setting, f"up to {rounded(most):g} Hz"))
-    if held.gain_Hz is not None:
-        rows.append(("gain", "any block", f"up to {rounded(held.gain_Hz):g} Hz"))
-        block = least_block(probed["round_trip_us"]["p99"], PATH * probed["block_us_per_row"], rate_Hz)
-        few = f"blocks of {block} samples or more" if block else "no block is long enough"
-        rows.append(("gain", f"{rate_Hz:g} Hz", few))
+    answer_us = probed["round_trip_us"]["p99"] + tick["p99"]
+    core_Hz = CORE * 1e6 / (PATH * (probed["busy_us"] + tick["p50"]))
+    for latency in LATENCIES:
+        most = min(latency * 1e6 / answer_us, core_Hz)
+        setting = f"latency {latency} tick{'s' if latency > 1 else ''}"
+        rows.append(("force", setting, f"up to {rounded(most):g} Hz"))
+    rows.append(("gain", "any block", f"up to {rounded(held.gain_Hz):g} Hz"))
+    block = least_block(probed["round_trip_us"]["p99"], PATH * probed["block_us_per_row"], rate_Hz)
+    few = f"blocks of {block} samples or more" if block else "no block is long enough"
+    rows.append(("gain", f"{rate_Hz:g} Hz", few))
     return rows
 
 
@@ -77,20 +75,16 @@ def capacity(
 ) -> Capacity:
     """What `hil.doctor.probe` measured, on a UART of `baud`, or on CAN with (arbitration, data) `bit_rates`."""
     tick, row = probed["tick_us"], probed["block_us_per_row"]
-    force_Hz = gain_Hz = None
-    force_limit = gain_limit = "the observer is not compiled, so its cost is not known"
-    if tick is not None:
-        round_trip, own = probed["round_trip_us"]["p99"], tick["p99"]
-        latency = max(int(probed["identity"]["latency_ticks"]), 1)
-        force_Hz = latency * 1e6 / (round_trip + own)
-        force_limit = f"round trip {round_trip:.0f} µs and observer {own:.0f} µs, p99, within {latency} sample"
-        force_limit += "s" if latency > 1 else ""
-    if row is not None:
-        gain_Hz = CORE * 1e6 / (PATH * row)
-        gain_limit = f"the observer takes {row:.2g} µs a sample, the host {PATH:g} times that, {CORE:.0%} of a core"
-        wire = wire_rate_Hz(baud, bit_rates)
-        if wire < gain_Hz:
-            gain_Hz, gain_limit = wire, "what the wire carries"
+    round_trip, own = probed["round_trip_us"]["p99"], tick["p99"]
+    latency = max(int(probed["identity"]["latency_ticks"]), 1)
+    force_Hz = latency * 1e6 / (round_trip + own)
+    force_limit = f"round trip {round_trip:.0f} µs and observer {own:.0f} µs, p99, within {latency} sample"
+    force_limit += "s" if latency > 1 else ""
+    gain_Hz = CORE * 1e6 / (PATH * row)
+    gain_limit = f"the observer takes {row:.2g} µs a sample, the host {PATH:g} times that, {CORE:.0%} of a core"
+    wire = wire_rate_Hz(baud, bit_rates)
+    if wire < gain_Hz:
+        gain_Hz, gain_limit = wire, "what the wire carries"
     return Capacity(force_Hz, force_limit, gain_Hz, gain_limit)
 
 

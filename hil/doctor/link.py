@@ -59,9 +59,6 @@ def judge(link: str, probed: dict[str, Any], held: Capacity) -> Iterator[Finding
         ("force mode", Capabilities.FORCE_MODE, held.force_Hz, held.force_limit),
         ("gain mode", Capabilities.GAIN_MODE, held.gain_Hz, held.gain_limit),
     ):
-        if held_Hz is None:
-            yield Finding(mode, "missing", limit, "python -m estimator.warm")
-            continue
         told = f"up to {rounded(held_Hz):g} Hz ({limit})"
         if bit not in able:
             yield Finding(mode, "missing", f"{told}; the board does not offer it")

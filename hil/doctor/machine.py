@@ -21,7 +21,6 @@ def examine() -> Iterator[Finding]:
     yield awake()
     yield processors()
     yield framing()
-    yield kernels()
 
 
 def scheduling() -> Finding:
@@ -82,16 +81,6 @@ def framing() -> Finding:
         return Finding("framing", "good", "cobs has its C part (0.1 µs a frame)")
     remedy = "sudo apt install gcc python3-dev, then pip install --force-reinstall --no-binary cobs cobs"
     return Finding("framing", "missing", "cobs runs in Python (2 to 4 µs a frame)", remedy)
-
-
-def kernels() -> Finding:
-    """Whether the estimator is compiled."""
-    from estimator.kernel.compiled import is_warm
-
-    if is_warm():
-        return Finding("compiled kernels", "good", "in the cache")
-    told = "not in the cache: the first run compiles them, two minutes"
-    return Finding("compiled kernels", "missing", told, "python -m estimator.warm")
 
 
 def _permitted() -> bool:

@@ -101,12 +101,8 @@ def percentiles(times_s: list[float]) -> dict[str, float]:
     return {"p50": p50, "p99": p99, "max": worst}
 
 
-def _observer() -> "Observer | None":
-    """The example S-slow's, loaded and run once; None unless it is compiled."""
-    from estimator.kernel.compiled import is_warm
-
-    if not is_warm():
-        return None
+def _observer() -> "Observer":
+    """The example S-slow's, loaded and run once."""
     from estimator.observer import Observer
     from hil.bench import load_bench
     from hil.declared import board_device_of, controller_settings_of, observer_settings_of
@@ -120,10 +116,8 @@ def _observer() -> "Observer | None":
     return observer
 
 
-def _costs(observer: "Observer | None") -> dict[str, Any]:
+def _costs(observer: "Observer") -> dict[str, Any]:
     """What an observer costs, sample by sample, and in the median block."""
-    if observer is None:
-        return {"tick_us": None, "block_us_per_row": None}
     ticks = [timed(lambda: observer.tick(0.0, 0.0, 0.0, 0.0)) for _ in range(_TICKS)]
     sense, drive = np.zeros((_BLOCK, 2)), np.zeros((_BLOCK, 2))
     blocks = [timed(lambda: observer.run(sense, drive, every=_BLOCK)) for _ in range(_BLOCKS)]

@@ -10,7 +10,7 @@ import secrets
 import time
 from collections.abc import Mapping
 
-from estimator.kernel.layout import MAX_LATENCY
+from estimator.core.layout import MAX_LATENCY
 from hil.bench import Bench
 from hil.bench.plausible import FASTEST_HZ, LARGEST_V
 from hil.declared import board_dither_of, board_filter_of, drive_limit_of, require_agreement

@@ -18,7 +18,6 @@ import numpy as np
 from hil.bench import Bench
 from hil.bench.by_verb import require_usable
 from hil.bench.template import template, values_of
-from hil.compiler import require_compiler
 from hil.emulation import Served, served
 from hil.errors import InputError, told_to_user
 from hil.loop.stops import alarm_of
@@ -35,7 +34,7 @@ from hil.verdict.safety import judge_safety
 if TYPE_CHECKING:
     from hil.wire.wire_log import WireLog
 
-_VERSIONS = ("gyrohil", "numpy", "numba", "scipy", "pyarrow")
+_VERSIONS = ("gyrohil", "numpy", "scipy", "pyarrow")
 
 
 class Interrupted(KeyboardInterrupt):
@@ -76,7 +75,6 @@ def run(
     loop's end of a line to whoever looks (`hil.loop.control`).  Raises InputError or WireError, and leaves nothing,
     when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
-    require_compiler()
     require_usable(bench, "run")
     if open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})

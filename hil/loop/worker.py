@@ -124,37 +124,17 @@ def _loop(
 
     np.seterr(all="ignore")  # an observer that diverges is told by its numbers, not by NumPy
     tell(stage="prepare", done=0, total=0, note="")
-    _have_compiled(bench, tell)
-    from estimator.foresight import rehearse
     from estimator.observer import Observer
-    from hil.declared import board_device_of, board_filter_of, controller_settings_of, observer_settings_of
+    from hil.declared import board_device_of, controller_settings_of, observer_settings_of
     from hil.loop.optional import unknown_parts
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here
 
     lockstep = bench.loop.clock == "lockstep"
 
-    def declared_observer() -> Observer:
+    def make_observer() -> Observer:
         return Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
 
-    # In lockstep at some kHz, to compile a step takes longer than it saves.
-    own_step = (not lockstep or bench.loop.mode == "gain") and declared_observer().may_have_step
-
-    def make_observer() -> Observer:
-        made = declared_observer()
-        if own_step:
-            made.compile_step()
-        return made
-
-    # Loads the kernels before the board is armed.
-    if own_step:
-        tell(stage="prepare", done=0, total=0, note="a step for these effects; compiled once, some seconds")
-    if bench.loop.mode == "gain":
-        rehearse(make_observer(), board_filter_of(bench))
-    elif bench.loop.mode == "board":
-        make_observer().run(np.zeros((2, 2)), np.zeros((2, 2)))
-    else:
-        make_observer().tick(0.0, 0.0, 0.0, 0.0)
     observer = make_observer()
     layouts = run_layouts(observer, bench, identity)
     folder = Path(order.folder)
@@ -199,19 +179,6 @@ def _loop(
         **({} if driven.load is None else {"load": driven.load}),
         "safety": loop.safety.told,
     }
-
-
-def _have_compiled(bench: Bench, tell: Say) -> None:
-    """Compile what this run needs and the cache does not have, and say so."""
-    from estimator.kernel.compiled import COMMON, GAIN_MODE, STATIONARY, is_warm
-
-    needed = {COMMON: True, GAIN_MODE: bench.loop.mode == "gain", STATIONARY: bench.observer.gain == "stationary"}
-    if cold := [kernels for kernels, wanted in needed.items() if wanted and not is_warm(kernels)]:
-        from estimator.warm import warm
-
-        long = "about two minutes" if COMMON in cold else "some seconds"
-        tell(stage="prepare", done=0, total=0, note=f"compiling {' and '.join(cold)}, once: {long}")
-        warm(cold)
 
 
 class _Driven:

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from estimator.errors import ModelError
-from estimator.observer import Observer
 from hil.addition import additions
 from hil.bench import Bench, override
 from hil.bench.by_verb import require_usable
-from hil.compiler import require_compiler
 from hil.errors import InputError
 from hil.loop.run import new_folder
 from hil.methods import prior_art
@@ -32,8 +30,6 @@ from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
 from hil.scoring import require_reach, require_same_run, truth_in
 from hil.tracing import called
-
-_WARM = 64  # samples, so that no method is charged for the compiler
 
 
 @dataclass(frozen=True)
@@ -70,7 +66,6 @@ def compare(
     diagnosis: what a trace found on the record, to be carried by the 13 states.  Raises InputError for a record that
     does not belong to the bench file or cannot be compared; nothing is left then.
     """
-    require_compiler()
     require_usable(bench, "compare")
     place = None if link is None else require_emulated(link)
     subject = given(capture, bench)
@@ -113,9 +108,6 @@ def methods_on(
             "give a longer record, or a smaller settle_s"
         )
     rows = _Rows(judge, progress)
-    Observer(subject.device, subject.settings, subject.control).run(
-        subject.sense[:_WARM], subject.samples.drive[:_WARM]
-    )
     if board is not None:
         rows.add(board.name, lambda: (board, reference))
     for title, method in _on_record(subject, diagnosis, remarks):

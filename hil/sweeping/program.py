@@ -11,7 +11,7 @@ _BESIDE = {"cli", "report", "library", "interchange", "doctor", "examples", "swe
 """Parts of `hil` that no figure of a run comes from …"""
 _OF_A_RUN = {"one_run.py", "bound.py", "initial_values.py", "turn.py"}
 """… but for these files of theirs."""
-_UNDER = ("numpy", "numba", "scipy", "pyarrow")
+_UNDER = ("numpy", "scipy", "pyarrow")
 
 
 @cache

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.kernel.layout import MAX_LATENCY
+from estimator.core.layout import MAX_LATENCY
 from hil.bench import Bench
 from hil.emulation import is_emulated
 from hil.records.lateness import Lateness

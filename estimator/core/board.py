@@ -1,0 +1,59 @@
+"""The law of a board in gain mode, on the host: what it did while nothing was heard of it (foresight.h)."""
+
+import ctypes
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.core.arguments import Arguments
+from estimator.core.layout import MAX_LATENCY, Floats, Record
+from estimator.core.library import LIBRARY
+
+_HISTORY = 64
+_QUEUE = MAX_LATENCY + 2
+
+BOARD = np.dtype(
+    [
+        ("a", "f8", (2, 2)),
+        ("b", "f8", 2),
+        ("c", "f8", 2),
+        ("delay", "i8"),
+        ("latency", "i8"),
+        ("limit", "f8"),  # drive codes
+        ("dither", "f8"),
+        ("closed", "i8"),
+        ("gain", "f8", (2, 4)),
+        ("bias", "f8", 2),
+        ("waiting", "i8"),  # 1: the matrix below waits for its tick
+        ("effective", "i8"),
+        ("next_gain", "f8", (2, 4)),
+        ("next_bias", "f8", 2),
+        ("s", "f8", (2, 2)),  # of each axis
+        ("past", "f8", (_HISTORY, 2)),  # sense codes, by tick
+        ("shift", "u4"),  # register of the dither
+        ("queue", "f8", (_QUEUE, 2)),  # drive codes, by the tick at which their interval ends
+    ],
+    align=True,
+)
+_CARRIED = Arguments(("first", "rows", "columns"), ("board", "settings", "x", "codes", "drives"))
+
+LIBRARY.gyro_board_size.restype = ctypes.c_int64
+if LIBRARY.gyro_board_size() != BOARD.itemsize:
+    raise ImportError(f"a board of {LIBRARY.gyro_board_size()} bytes, expected {BOARD.itemsize}; run `make install`")
+
+
+def follow(board: Record, first: int, codes: NDArray[Any]) -> None:
+    """Carry the board (1,) over rows that were received: codes (n, ≥ 2) begin with those sampled, from tick `first`."""
+    rows = np.ascontiguousarray(codes, np.int32)
+    LIBRARY.gyro_board_follow(_CARRIED(first=first, rows=len(rows), columns=rows.shape[1], board=board, codes=rows))
+
+
+def foresee(settings: Record, board: Record, x: Floats, first: int, rows: int) -> Floats:
+    """Carry the board (1,) over rows that were not, from tick `first` on, by what the model says it sampled.
+
+    x is the state vector at the row before.  Returns the drive codes (rows, 2) over the interval that ends at each.
+    """
+    drives = np.zeros((rows, 2))
+    LIBRARY.gyro_board_foresee(_CARRIED(first=first, rows=rows, board=board, settings=settings, x=x, drives=drives))
+    return drives

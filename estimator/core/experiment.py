@@ -1,0 +1,35 @@
+"""The observer's own model in closed loop with itself: what an experiment's record would look like."""
+
+import ctypes
+from typing import NamedTuple
+
+from estimator.core.arguments import Arguments
+from estimator.core.following import Observing
+from estimator.core.layout import Floats
+from estimator.core.library import LIBRARY
+
+_EXPERIMENT = Arguments(("n",), ("settings", "rates", "stiffness", "noise", "truth", "sensed", "drive"))
+
+
+class Plan(NamedTuple):
+    """What an experiment does: rotation rate and the controller's target stiffness (n,) at each sample, noise (n, 2)
+    added to what is sensed.
+    """
+
+    rates: Floats
+    stiffness: Floats
+    noise: Floats
+
+
+def experiment_block(observer: Observing, truth: Floats, plan: Plan, sensed: Floats, drive: Floats) -> None:
+    """n samples of the loop: truth (states + constants,) moves under the drive the observer asks for, which is left at
+    the last target.
+
+    sensed and drive (n, 2) receive the record, drive[m] acting over the interval that ends at m.
+    """
+    LIBRARY.gyro_experiment_block(
+        ctypes.c_void_p(observer.core),
+        _EXPERIMENT(
+            n=len(sensed), settings=observer.arrays.settings, **plan._asdict(), truth=truth, sensed=sensed, drive=drive
+        ),
+    )  # fmt: skip

@@ -1,0 +1,415 @@
+/* The observer's run over a block of samples with the signatures of effects it does not carry.
+
+   The signature of a coefficient is what the innovations would gain if it were 1: a small change of force or measurement
+   moves prediction and correction alike, dx- = F dx + G, dnu = -(H dx- + e), dx+ = dx- + L dnu (Willsky & Jones, IEEE
+   Trans. Automatic Control 21(1), 1976, for jumps).  What the filter's own states and constants can take up is projected
+   out by the filter itself.  The sums N = S dnu S^-1 dnu' and b = S dnu S^-1 nu are the normal equations of all
+   coefficients at once.
+
+   The reported angle is followed the same way: from one sample to the next it moves by the rate, and by what the
+   correction turns the pattern (angle.h); the derivative of both along dx is what a coefficient would move it by. */
+#ifndef GYRO_SCAN_H
+#define GYRO_SCAN_H
+
+#include "estimator.h"
+
+#define SCAN_NODES 3
+
+/* Gauss and Legendre on [0, 1], three nodes: exact to degree 5. */
+static const real SCAN_NODE[SCAN_NODES] = {R(0.11270166537925831), R(0.5), R(0.88729833462074169)};
+static const real SCAN_WEIGHT[SCAN_NODES] = {R(0.27777777777777778), R(0.44444444444444444), R(0.27777777777777778)};
+
+/* n samples, and what is followed of `count` coefficients that the filter does not carry.
+
+   delta: sensitivity of the filter's estimates to them, carried on; turned: that of the reported angle, of two axes,
+   carried on and written to course at equal distances, the last time after the last sample.  equations receive, where
+   there are any, the innovations' sensitivities and behind them the innovation, all over its deviation; columns beyond
+   are left alone.  Samples around an innovation larger than `level` times its variance count less, in proportion: a jump
+   of the rate says nothing of an effect. */
+typedef struct {
+    whole n;
+    whole terms;           /* of the drive's polynomial in each interval */
+    whole warm;            /* 1: the temperature is measured */
+    whole count;           /* coefficients */
+    whole weighed;         /* 1: equations are filled */
+    whole width;           /* numbers in a row of equations */
+    whole instants;        /* rows of course */
+    const real *z;         /* (n, axes) measured */
+    const real *u;         /* (n, axes, terms) drive over the interval that ends at each sample */
+    const real *h;         /* (n,) its length */
+    const real *temperature; /* (n,) */
+    Output *rows;          /* (n,) the estimates */
+    real *delta;           /* (states + active constants, count) */
+    real *equations;       /* (axes n, width) */
+    real *turned;          /* (count,) */
+    real *course;          /* (instants, count) */
+    real *scratch;         /* scan_scratch numbers */
+    real level;
+} Scan;
+
+/* A scan while a block is gone through. */
+typedef struct {
+    whole count;
+    whole constants;     /* all of them, the watched coefficients last */
+    whole origin;        /* index of the first watched coefficient among them */
+    whole rate_row;      /* the rate's in delta, -1 for none */
+    whole rows;          /* of delta */
+    real *delta;         /* (rows, count) */
+    real *turned;        /* (count,) */
+    real *by_constants;  /* (2, constants), scratch */
+    real *signature;     /* (2, count), the innovations' sensitivities */
+    real *product;       /* (states, count), scratch */
+    real response[SCAN_NODES + 1][4][2]; /* what a unit impulse on each axis at the nodes, and at the start, leaves */
+} Following;
+
+/* to (count,) += w from (count,). */
+static inline void add_scaled(real *restrict to, const real *restrict from, real w, whole count)
+{
+    for (whole k = 0; k < count; k++)
+        to[k] += w * from[k];
+}
+
+static inline void clear(real *numbers, whole count)
+{
+    for (whole k = 0; k < count; k++)
+        numbers[k] = R(0.0);
+}
+
+/* The response of the states at the end of an interval h to unit impulses in it. */
+static inline void responses(const Settings *settings, const real *c, real h, FlowWork *flow, Following *follow)
+{
+    whole states = settings->states, columns = flow->columns;
+    const real rest[MAX_AXES] = {R(0.0), R(0.0)};
+    for (int node = 0; node <= SCAN_NODES; node++) {
+        real left = node < SCAN_NODES ? R(1.0) - SCAN_NODE[node] : R(1.0);
+        for (whole axis = 0; axis < settings->axes; axis++) {
+            for (whole i = 0; i < states; i++)
+                flow->out[i * columns] = R(0.0);
+            flow->out[(2 * axis + 1) * columns] = R(1.0);
+            taylor(settings->model, c, rest, 1, left * h, settings->order, 1, flow->term, flow->out, columns);
+            for (whole i = 0; i < states; i++)
+                follow->response[node][i][axis] = flow->out[i * columns];
+        }
+    }
+}
+
+/* What a late drive pushes more than one in time: less its slope all along the interval. */
+static inline void add_slope(const Settings *settings, const real *u, whole terms, real at, real h, Following *follow)
+{
+    for (whole axis = 0; axis < settings->axes; axis++) {
+        real slope = R(0.0);
+        for (whole n = terms - 1; n > 0; n--)
+            slope = slope * at + (real)n * u[axis * terms + n];
+        follow->by_constants[axis * follow->constants + settings->watched_drive_delay + axis] -= slope / h;
+    }
+}
+
+/* ... and the jump at its beginning. */
+static inline void add_jump(const Settings *settings, const Memory *memory, const real *u, whole terms,
+                            const Following *follow)
+{
+    for (whole axis = 0; axis < settings->axes; axis++) {
+        real ended = R(0.0);
+        for (whole n = 0; n < terms && n < MAX_DEGREE; n++)
+            ended += memory->past[1][axis][n];
+        whole k = settings->watched_drive_delay + axis - follow->origin;
+        for (whole i = 0; i < settings->states; i++)
+            follow->delta[i * follow->count + k] +=
+                follow->response[SCAN_NODES][i][axis] * (ended - u[axis * terms]);
+    }
+}
+
+/* Add to the states' rows of delta what the watched forces push over the interval that has ended; before: the states at
+   its beginning; c: the constants; memory's time is that of its end. */
+static inline void add_forced(const Settings *settings, const Memory *memory, const real *before, const real *c,
+                              const Sample *sample, const Following *follow, Workspace *work)
+{
+    whole states = settings->states, axes = settings->axes, terms = sample->terms, columns = work->flow.columns;
+    const real *u = sample->u;
+    real h = sample->h, *out = work->flow.out, at = R(0.0), part[MAX_AXES * MAX_DEGREE], state[4];
+    Push *push = &work->flow.push;
+    Following *mutable = (Following *)follow;
+    for (whole i = 0; i < states; i++)
+        out[i * columns] = before[i];
+    for (int node = 0; node < SCAN_NODES; node++) {
+        real length = SCAN_NODE[node] - at;
+        part_of(u, axes, terms, at, length, part);
+        taylor(settings->model, c, part, terms, length * h, settings->order, 1, work->flow.term, out, columns);
+        at = SCAN_NODE[node];
+        for (whole i = 0; i < states; i++)
+            state[i] = out[i * columns];
+        drive_at(u, axes, terms, at, push->drive);
+        line_values(settings, memory->time + (at - R(1.0)) * h, push->signals);
+        directions(settings, state, push->signals);
+        clear(follow->by_constants, 2 * follow->constants);
+        for (whole e = settings->effect_count; e < settings->effect_count + settings->candidate_count; e++)
+            effect_force(settings->effects[e][0], settings->model, c, state, push->drive, push->signals,
+                         settings->effects[e][1], settings->effects[e][2], push->force, push->by_states, states,
+                         follow->by_constants, follow->constants);
+        if (settings->watched_drive_delay >= 0)
+            add_slope(settings, u, terms, at, h, mutable);
+        for (whole axis = 0; axis < axes; axis++)
+            for (whole i = 0; i < states; i++)
+                add_scaled(follow->delta + i * follow->count,
+                           follow->by_constants + axis * follow->constants + follow->origin,
+                           SCAN_WEIGHT[node] * h * follow->response[node][i][axis], follow->count);
+    }
+    if (settings->watched_drive_delay >= 0)
+        add_jump(settings, memory, u, terms, mutable);
+}
+
+/* signature <- less what the watched effects add to the measurement at the interval's end; x: states and constants. */
+static inline void watch_sensed(const Settings *settings, const real *x, const real *u, whole terms,
+                                const Following *follow, Workspace *work)
+{
+    whole states = settings->states;
+    const real *c = x + states, *s = x;
+    Push *push = &work->flow.push;
+    Motion motion;
+    drive_at(u, settings->axes, terms, R(1.0), push->drive);
+    if (senses_otherwise(settings)) {
+        sensed_motion(settings, c, s, push, &motion);
+        s = motion.q;
+    }
+    clear(follow->by_constants, 2 * follow->constants);
+    for (whole e = settings->effect_count; e < settings->effect_count + settings->candidate_count; e++)
+        effect_sense(settings->effects[e][0], settings->model, c, s, push->drive, push->signals,
+                     settings->effects[e][1], settings->effects[e][2], push->force, push->by_states, states,
+                     follow->by_constants, follow->constants);
+    for (whole axis = 0; settings->watched_sense_delay >= 0 && axis < settings->axes; axis++)
+        follow->by_constants[axis * follow->constants + settings->watched_sense_delay + axis] -= s[2 * axis + 1];
+    for (whole axis = 0; axis < settings->axes; axis++)
+        for (whole k = 0; k < follow->count; k++)
+            follow->signature[axis * follow->count + k] =
+                -follow->by_constants[axis * follow->constants + follow->origin + k];
+}
+
+/* First rows of delta <- g' delta; g (rows of delta, states). */
+static inline void multiply_rows(const real *g, whole states, const Following *follow)
+{
+    whole count = follow->count;
+    real *product = follow->product;
+    clear(product, states * count);
+    for (whole i = 0; i < states; i++)
+        for (whole j = 0; j < follow->rows; j++) {
+            real w = g[j * states + i];
+            if (w != R(0.0)) /* the sense offsets move nothing */
+                add_scaled(product + i * count, follow->delta + j * count, w, count);
+        }
+    for (whole k = 0; k < states * count; k++)
+        follow->delta[k] = product[k];
+}
+
+/* out (5,) <- derivatives of the pattern angle by x, vx, y, vy and by the rate, of which the rotation w is a part.
+
+   Of `pattern` (pattern.h); zero where there is no pattern. */
+static inline void pattern_gradient(const real *s, real k, real w, real rate, real *out)
+{
+    real x = s[0], y = s[2];
+    real vx = s[1] - w * y, vy = s[3] + w * x;
+    real ke = k + w * w - rate * rate;
+    real sine = R(2.0) * (ke * x * y + vx * vy);
+    real cosine = ke * (x * x - y * y) + vx * vx - vy * vy;
+    real size = sine * sine + cosine * cosine;
+    if (!(size > R(0.0))) {
+        clear(out, 5);
+        return;
+    }
+    real by_vx = (cosine * vy - sine * vx) / size;
+    real by_vy = (cosine * vx + sine * vy) / size;
+    real by_ke = (cosine * x * y - R(0.5) * sine * (x * x - y * y)) / size;
+    out[0] = ke * (cosine * y - sine * x) / size + by_vy * w;
+    out[1] = by_vx;
+    out[2] = ke * (cosine * x + sine * y) / size - by_vx * w;
+    out[3] = by_vy;
+    out[4] = by_vy * x - by_vx * y + R(2.0) * (w - rate) * by_ke;
+}
+
+/* turned += sign times what the pattern angle moves by along delta, at the states s and the rotation w. */
+static inline void add_turn(const Settings *settings, const real *s, real w, real rate, real sign,
+                            const Following *follow)
+{
+    real gradient[5];
+    pattern_gradient(s, settings->stiffness, w, rate, gradient);
+    for (whole i = 0; i < 4; i++)
+        add_scaled(follow->turned, follow->delta + i * follow->count, sign * gradient[i], follow->count);
+    if (follow->rate_row >= 0)
+        add_scaled(follow->turned, follow->delta + follow->rate_row * follow->count, sign * gradient[4], follow->count);
+}
+
+/* delta after a measurement of constant `row` with this gain against an initial value that no coefficient moves. */
+static inline void pull(whole row, const real *gain, const Following *follow)
+{
+    real *moved = follow->product; /* a copy: the row itself changes */
+    for (whole k = 0; k < follow->count; k++)
+        moved[k] = follow->delta[row * follow->count + k];
+    for (whole j = 0; j < follow->rows; j++)
+        if (gain[j] != R(0.0))
+            add_scaled(follow->delta + j * follow->count, moved, -gain[j], follow->count);
+}
+
+/* `remember_prior` of the observer, the sensitivities pulled along; the cursor has moved on already. */
+static inline void recall(const Settings *settings, const Arrays *observer, const Constants *constants,
+                          Estimate *estimate, real *scratch, const Following *follow)
+{
+    const whole *active = observer->active;
+    for (whole turn = 0; turn <= observer->count; turn++) {
+        whole index = turn == 0 ? estimate->memory->cursor : turn - 1;
+        whole row = settings->states + index;
+        real noise = constants->prior[index], spread = constants->spread[index];
+        if (turn > 0) {
+            real variance = estimate->p[row * estimate->width + row];
+            int wide = spread > R(0.0) && variance > spread;
+            noise = wide ? variance * spread / (variance - spread) : R(0.0);
+        }
+        if (noise > R(0.0)) {
+            recall_initial(settings, active, index, constants->initial[index], noise, estimate, scratch);
+            pull(row, scratch, follow);
+        }
+    }
+}
+
+/* signature <- what the innovations gain, nothing where a channel is lost; returns how many are not. */
+static inline int show(const Settings *settings, const Sample *sample, const Workspace *work, const Following *follow)
+{
+    int usable = 0;
+    for (whole axis = 0; axis < settings->axes; axis++) {
+        real *seen = follow->signature + axis * follow->count;
+        if (!isfinite(sample->z[axis])) {
+            clear(seen, follow->count);
+            continue;
+        }
+        usable++;
+        for (whole j = 0; j < follow->rows; j++) {
+            real w = work->jacobian[axis * follow->rows + j];
+            if (w != R(0.0))
+                add_scaled(seen, follow->delta + j * follow->count, -w, follow->count);
+        }
+    }
+    return usable;
+}
+
+/* The rows of the equations of sample m, all over the innovation's deviation. */
+static inline void write_equations(const Settings *settings, const Memory *memory, const Scan *scan, whole m,
+                                   const Workspace *work, const Following *follow)
+{
+    real share = memory->nis > scan->level ? scan->level / memory->nis : R(1.0);
+    for (whole axis = 0; axis < settings->axes; axis++) {
+        real weight = SQRT(share / work->variance[axis]);
+        real *row = scan->equations + (settings->axes * m + axis) * scan->width;
+        for (whole k = 0; k < scan->count; k++)
+            row[k] = weight * follow->signature[axis * scan->count + k];
+        row[scan->count] = weight * work->innovation[axis];
+    }
+}
+
+/* Where `Following` has its scratch of a scan, and how much that takes: numbers of `scratch`. */
+static inline whole scan_scratch(whole count, whole constants)
+{
+    return 2 * constants + (2 + 4) * count;
+}
+
+static inline Following following(const Arrays *observer, const Scan *scan)
+{
+    const Settings *settings = observer->settings;
+    whole states = settings->states, count = scan->count, constants = observer->total - states;
+    real *scratch = scan->scratch;
+    Following follow = {.count = count, .constants = constants, .origin = constants - count, .rate_row = -1};
+    follow.rows = states + observer->count;
+    follow.delta = scan->delta;
+    follow.turned = scan->turned;
+    follow.by_constants = scratch;
+    follow.signature = scratch + 2 * constants;
+    follow.product = follow.signature + 2 * count;
+    for (whole i = 0; settings->axes == 2 && i < observer->count; i++)
+        if (observer->active[i] == RATE)
+            follow.rate_row = states + i;
+    return follow;
+}
+
+/* Sample m: observe it as `observe_block` does, and follow what is watched. */
+static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m, Estimate *estimate, Workspace *work,
+                               const Following *follow)
+{
+    const Settings *settings = observer->settings;
+    Memory *memory = observer->memory;
+    whole states = settings->states, axes = settings->axes, count = scan->count, active = observer->count;
+    const Constants constants = constants_of(observer);
+    const real nothing[MAX_ENTRIES] = {R(0.0)}; /* what is forgotten is given back below, the sensitivities alike */
+    const Constants forgetful = {observer->intensity, nothing, nothing, observer->initial};
+    const Table table = table_of(observer);
+    const Sample sample = {scan->z + m * axes, scan->u + m * axes * scan->terms, scan->terms, scan->h[m]};
+    real *x = estimate->x, before[4], foreseen[4];
+    int turning = axes == 2 && memory->started == 1;
+    real rotation = memory->rotation, rate = memory->rate;
+    for (whole i = 0; i < states; i++)
+        before[i] = x[i];
+    predict(settings, observer->active, active, constants.intensity, estimate, sample.u, sample.terms, sample.h, work);
+    if (axes == 2)
+        note_forced_rotation(settings, memory, x, sample.h);
+    for (whole i = 0; i < states; i++)
+        foreseen[i] = x[i];
+    correct(settings, observer->active, active, &forgetful, &table, estimate, &sample, work);
+    memory->time += sample.h;
+    remember_drive(settings, memory, sample.u, sample.terms);
+    for (whole axis = 0; axis < axes; axis++) {
+        scan->rows[m].nu[axis] = work->innovation[axis];
+        scan->rows[m].s[axis] = work->variance[axis];
+    }
+    multiply_rows(work->transition, states, follow);
+    signal_values(settings, memory, memory->time, work->flow.push.signals);
+    add_forced(settings, memory, before, x + states, &sample, follow, work);
+    signal_values(settings, memory, memory->time, work->flow.push.signals);
+    watch_sensed(settings, x, sample.u, sample.terms, follow, work);
+    int usable = show(settings, &sample, work, follow);
+    if (turning && follow->rate_row >= 0)
+        add_scaled(follow->turned, follow->delta + follow->rate_row * count, sample.h, count);
+    if (turning && settings->open_loop == 0) /* else the angle is the integrated rate */
+        add_turn(settings, foreseen, rotation, rate, R(1.0), follow);
+    if (usable > 0) {
+        for (whole j = 0; j < follow->rows; j++)
+            for (whole axis = 0; axis < axes; axis++)
+                add_scaled(follow->delta + j * count, follow->signature + axis * count, work->gain[2 * j + axis], count);
+        if (scan->weighed)
+            write_equations(settings, memory, scan, m, work, follow);
+        if (settings->fade > R(1.0) && runs_riccati(settings, memory))
+            recall(settings, observer, &constants, estimate, work->projected, follow);
+    }
+    if (axes == 2)
+        read_angle(settings, memory, x, sample.h, &scan->rows[m]);
+    if (turning && settings->open_loop == 0)
+        add_turn(settings, x, memory->rotation, memory->rate, R(-1.0), follow);
+}
+
+/* Observe n samples, and follow what is watched. */
+static inline void scan_block(Estimator *estimator, const Scan *scan)
+{
+    const Arrays *observer = &estimator->arrays;
+    const Settings *settings = observer->settings;
+    Memory *memory = observer->memory;
+    Workspace *work = &estimator->work;
+    whole axes = settings->axes, n = observer->n, written = 0;
+    real length = R(-1.0);
+    Following follow = following(observer, scan);
+    Estimate estimate = widened(estimator);
+    workspace_begin(work, settings, n, observer->total - scan->count);
+    for (whole m = 0; m < scan->n; m++) {
+        if (scan->warm)
+            memory->temperature = scan->temperature[m];
+        if (scan->h[m] != length) {
+            length = scan->h[m];
+            responses(settings, observer->x + settings->states, length, &work->flow, &follow);
+        }
+        if (axes == 2)
+            note_applied(settings, memory, scan->u + m * axes * scan->terms, scan->terms);
+        scan_sample(observer, scan, m, &estimate, work, &follow);
+        if ((m + 1) * scan->instants >= (written + 1) * scan->n) {
+            for (whole k = 0; k < scan->count; k++)
+                scan->course[written * scan->count + k] = scan->turned[k] / settings->angular_gain;
+            written++;
+        }
+    }
+    settle(estimator, &estimate);
+}
+
+#endif

@@ -1,0 +1,105 @@
+/* A whole record run freely: the flow from sample to sample with no correction, and what every unknown does to it. */
+#ifndef GYRO_SIMULATION_H
+#define GYRO_SIMULATION_H
+
+#include "flow.h"
+#include "sensing.h"
+#include "signals.h"
+
+/* From x = [state at the first sample, constants] under u over the steps h.
+
+   Each step is taken in `parts` equal parts: the flow's impulses are exact in the limit of many.  The columns of the flow
+   are carried from step to step as they are: they begin as the derivatives by the first state. */
+typedef struct {
+    whole n;
+    whole terms;       /* of the drive's polynomial in each step */
+    whole parts;
+    whole sensitive;   /* 1: the sensitivity is wanted */
+    whole order;       /* of the Taylor flow */
+    whole total;       /* states and constants */
+    const real *x;     /* (total,) */
+    const real *u;     /* (n, axes, terms) */
+    const real *h;     /* (n,) */
+    real *sensed;      /* (n, axes) */
+    real *sensitivity; /* (n, axes, total), the derivative by x */
+    real *full;        /* (2, total), scratch */
+} FreeRun;
+
+/* Measurement (axes,) at state s, drive and signals in push, and its derivatives full (2, total). */
+static inline void sensed_at(const Settings *settings, const real *c, const real *s, Push *push, whole total,
+                             real *predicted, real *full)
+{
+    whole states = settings->states;
+    for (whole i = 0; i < 2 * total; i++)
+        full[i] = R(0.0);
+    predicted[0] = predicted[1] = R(0.0);
+    if (senses_otherwise(settings)) {
+        sensed_otherwise(settings, c, s, push, predicted, full, full + states, total);
+        return;
+    }
+    sense(settings->model, c, s, predicted, full, total);
+    for (whole e = 0; e < settings->effect_count; e++)
+        effect_sense(settings->effects[e][0], settings->model, c, s, push->drive, push->signals,
+                     settings->effects[e][1], settings->effects[e][2], predicted, full, total, full + states, total);
+}
+
+/* Derivatives (total,) by x of what an axis senses, from those by the state there and by the constants. */
+static inline void chain(const Settings *settings, const real *full, whole total, const FlowWork *work, real *out)
+{
+    whole states = settings->states, columns = work->columns;
+    for (whole j = 0; j < total; j++) {
+        real value = j >= states ? full[j] : R(0.0);
+        whole column = j < states ? 1 + j : 1 + j - settings->sense_constants;
+        if (j < states || j >= states + settings->sense_constants)
+            for (whole k = 0; k < states; k++)
+                value += full[k] * work->out[k * columns + column];
+        out[j] = value;
+    }
+}
+
+/* Over step m, in its parts. */
+static inline void free_step(const Settings *settings, const FreeRun *run, whole m, real *time, FlowWork *work)
+{
+    whole axes = settings->axes, columns = run->sensitive ? work->columns : 1;
+    const real *u = run->u + m * axes * run->terms;
+    real piece[MAX_AXES * MAX_DEGREE], h = run->h[m] / (real)run->parts;
+    for (whole part = 0; part < run->parts; part++) {
+        part_of(u, axes, run->terms, (real)part / (real)run->parts, R(1.0) / (real)run->parts, piece);
+        Interval interval = {*time, h, run->parts == 1 ? u : piece, run->terms};
+        advance(settings, &interval, run->x + settings->states, columns, work);
+        *time += h;
+    }
+}
+
+static inline void free_run(const Settings *settings, const FreeRun *run, FlowWork *work)
+{
+    whole states = settings->states, axes = settings->axes, total = run->total, columns = work->columns;
+    const real *c = run->x + states;
+    Push *push = &work->push;
+    real s[4], predicted[MAX_AXES], time = R(0.0);
+    for (whole i = 0; i < settings->signal_count; i++)
+        push->signals[i] = settings->signal_parameters[i][0]; /* what is no constant is written over as it moves */
+    for (whole i = 0; i < states; i++) {
+        s[i] = run->x[i];
+        work->out[i * columns] = s[i];
+        if (run->sensitive)
+            work->out[i * columns + 1 + i] = R(1.0);
+    }
+    begin_ways(settings, c, s, run->sensitive ? columns : 1, push);
+    for (whole m = 0; m < run->n; m++) {
+        if (m > 0)
+            free_step(settings, run, m, &time, work);
+        for (whole i = 0; i < states; i++)
+            s[i] = work->out[i * columns];
+        drive_at(run->u + m * axes * run->terms, axes, run->terms, R(1.0), push->drive);
+        line_values(settings, time, push->signals);
+        sensed_at(settings, c, s, push, total, predicted, run->full);
+        for (whole axis = 0; axis < axes; axis++) {
+            run->sensed[m * axes + axis] = predicted[axis];
+            if (run->sensitive)
+                chain(settings, run->full + axis * total, total, work, run->sensitivity + (m * axes + axis) * total);
+        }
+    }
+}
+
+#endif
