@@ -1,4 +1,4 @@
-"""Which arithmetic runs the declared model: the compiled kernels, or one of the two oracles."""
+"""Which arithmetic runs the declared model: the compiled core, or one of the two oracles."""
 
 from typing import Literal, get_args
 
@@ -6,7 +6,7 @@ from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 
-Backend = Literal["numba", "numpy", "filterpy"]
+Backend = Literal["c", "numpy", "filterpy"]
 
 
 def make_observer(
@@ -16,7 +16,7 @@ def make_observer(
 
     Raises ModelError for an unknown backend, and what the observer itself raises.
     """
-    if backend == "numba":
+    if backend == "c":
         return Observer(device, settings, controller)
     if backend == "numpy":
         from estimator.oracle.numpy_observer import NumpyObserver

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from estimator.errors import ModelError
 from estimator.core.filter import Filter
+from estimator.errors import ModelError
 from estimator.scaling import Array
 
 if TYPE_CHECKING:
@@ -48,7 +48,9 @@ def stationary_table(observer: "Observer") -> Array:
     weight = np.zeros((ANGLES, PHASES))
     record = arrays.settings.copy()
     record["force_noise"] += unforeseen(observer)
-    own = arrays._replace(table=total, settings=record, p=arrays.p.copy(), x=arrays.x.copy(), memory=arrays.memory.copy())
+    own = arrays._replace(
+        table=total, settings=record, p=arrays.p.copy(), x=arrays.x.copy(), memory=arrays.memory.copy()
+    )
     Filter(own).gather(total, weight, rotation=_PRECESSION, h=observer.h * 1.007, settle=settle, samples=samples)
     return np.asarray(total / np.maximum(weight, 1.0)[:, :, None, None])
 

@@ -1,5 +1,5 @@
-"""Records that Python and the core share (layout.h): settings (written once), memory (carried from sample to sample), output (one row a
-sample).
+"""Records that Python and the core share (layout.h): settings (written once), memory (carried from sample to sample),
+output (one row a sample).
 
 All numbers are scaled: time by 1/ω0, length by the nominal amplitude.
 """

@@ -1,8 +1,8 @@
 """What an effect is: a force, a distortion of the measurement, or both, that the base model lacks.
 
-Declared for SymPy (`estimator.model.formula`) over the states and drives of the two-axis gyro; on a single axis y, ẏ and uy are zero and the
-coefficients that then act on nothing drop out.  All that is known of an effect stands in its declaration: equation,
-units, plausible sizes, what it looks like, what undoes it, and where it comes from.
+Declared for SymPy (`estimator.model.formula`) over the states and drives of the two-axis gyro; on a single axis y, ẏ
+and uy are zero and the coefficients that then act on nothing drop out.  All that is known of an effect stands in its
+declaration: equation, units, plausible sizes, what it looks like, what undoes it, and where it comes from.
 """
 
 import math

@@ -25,7 +25,7 @@ class FilterpyObserver(NumpyObserver):
         self, device: Device, settings: ObserverSettings, controller: ControllerSettings | None = None
     ) -> None:
         if settings.gain is Gain.STATIONARY:
-            raise ModelError("backend 'filterpy' has no stationary gain; use backend 'numba' or 'numpy'")
+            raise ModelError("backend 'filterpy' has no stationary gain; use backend 'c' or 'numpy'")
         super().__init__(device, settings, controller)
         from filterpy.kalman import ExtendedKalmanFilter  # takes a second to import
 

@@ -29,9 +29,9 @@ class NumpyObserver(Observer):
     ) -> None:
         super().__init__(device, settings, controller)
         if self.effects:
-            raise ModelError(f"backend '{self.backend}' runs the base model; take [effects] out or use backend 'numba'")
+            raise ModelError(f"backend '{self.backend}' runs the base model; take [effects] out or use backend 'c'")
         if any(sensed is not Sensed.DISPLACEMENT for sensed in device.sensed):
-            raise ModelError(f"backend '{self.backend}' senses displacement; use backend 'numba'")
+            raise ModelError(f"backend '{self.backend}' senses displacement; use backend 'c'")
         self._model = evaluated(self.number)
         self._fading = settings.gain is not Gain.EKF
         self._fade = math.exp(1.0 / (settings.memory * device.sample_rate)) if self._fading else 1.0
@@ -56,7 +56,7 @@ class NumpyObserver(Observer):
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """Raises ModelError: an oracle closes no loop."""
-        raise ModelError(f"backend '{self.backend}' only replays records; close the loop with backend 'numba'")
+        raise ModelError(f"backend '{self.backend}' only replays records; close the loop with backend 'c'")
 
     def run(
         self,

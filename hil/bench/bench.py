@@ -1,6 +1,7 @@
 """A whole bench file: its tables together, and how it is read."""
 
 import math
+import warnings
 from collections.abc import Mapping
 from fractions import Fraction
 from pathlib import Path
@@ -11,7 +12,7 @@ from pydantic import BaseModel, Field, model_validator
 from hil.bench.device import Device
 from hil.bench.improbable import beside
 from hil.bench.loop import Controller, Limits, Link, Loop
-from hil.bench.observer import Observer
+from hil.bench.observer import BACKEND_BEFORE, Observer
 from hil.bench.own import Effects
 from hil.bench.plausible import implausible
 from hil.bench.rate_sensor import RateSensorBench
@@ -53,7 +54,7 @@ class Bench(Section):
                 '[observer] gain: "stationary" is a table over the pattern\'s angle, which needs axes = 2; use "fading"'
             )
         if self.observer.gain == "stationary" and self.observer.backend == "filterpy":
-            raise ValueError('[observer] backend: "filterpy" has no stationary gain; use "numba" or "numpy"')
+            raise ValueError('[observer] backend: "filterpy" has no stationary gain; use "c" or "numpy"')
         for key in ("stiffness_N_per_m", "damping_N_s_per_m"):
             if (given := getattr(initial, key)) is not None:
                 check_matrix(f"[observer.initial] {key}", "k" if key.startswith("stiffness") else "d", given, axes)
@@ -158,10 +159,19 @@ def load_bench(path: Path) -> Bench:
 def load_any_bench(path: Path) -> Bench | RateSensorBench:
     """The bench file at ``path``, of an oscillator or (axes = 0) of a rate-output sensor; errors as of `load_bench`."""
     table = read_table(path)
+    _tell_of_names_before(table, path)
     device = table.get("device")
     if isinstance(device, dict) and device.get("axes") == 0:
         return parse_table(table, RateSensorBench, str(path))
     return parse_table(table, Bench, str(path))
+
+
+def _tell_of_names_before(table: Mapping[str, Any], path: Path) -> None:
+    """One line for a value that is read under another name today."""
+    observer = table.get("observer")
+    if isinstance(observer, Mapping) and observer.get("backend") == BACKEND_BEFORE:
+        line = f'{path}: [observer] backend: "{BACKEND_BEFORE}" is called "c" today, the default; take the key out'
+        warnings.warn(line, FutureWarning, stacklevel=3)
 
 
 def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str) -> Bench:

@@ -95,10 +95,10 @@ def require_usable(bench: Bench, verb: Verb) -> None:
 
 def _refused(bench: Bench, verb: Verb) -> Iterator[tuple[str, str]]:
     observer, device = bench.observer, bench.device
-    if verb != "replay" and observer.backend != "numba":
+    if verb != "replay" and observer.backend != "c":
         yield (
             "[observer] backend",
-            f'"{observer.backend}" is for hil replay alone, hil {verb} has "numba"; take the key out, and give '
+            f'"{observer.backend}" is for hil replay alone, hil {verb} has "c"; take the key out, and give '
             f"hil replay --backend {observer.backend}",
         )
     if verb in ("run", "replay") and observer.variant == "gyro" and observer.gain == "stationary" and bench.offset_sd_V:

@@ -1,8 +1,13 @@
 """What is estimated, from which initial value, and how much may wander."""
 
-from typing import Literal
+from typing import Any, Literal
+
+from pydantic import field_validator
 
 from hil.bench.section import NotNegative, Numbers, Positive, Section
+
+BACKEND_BEFORE = "numba"
+"""How files of before call the backend that is compiled."""
 
 
 class InitialSd(Section):
@@ -69,11 +74,16 @@ class Observer(Section):
     where those last longer"""
     acquisition_s: NotNegative = 0.0
     """time before the control law is switched on"""
-    backend: Literal["numba", "numpy", "filterpy"] = "numba"
-    """numba: compiled; numpy, filterpy: slow oracles of the same model"""
+    backend: Literal["c", "numpy", "filterpy"] = "c"
+    """c: compiled; numpy, filterpy: slow oracles of the same model"""
     initial_sd: InitialSd = InitialSd()
     """table [observer.initial_sd]"""
     initial: Initial = Initial()
     """table [observer.initial]"""
     process_noise: ProcessNoise = ProcessNoise()
     """table [observer.process_noise]"""
+
+    @field_validator("backend", mode="before")
+    @classmethod
+    def _by_its_name_of_today(cls, value: Any) -> Any:
+        return "c" if value == BACKEND_BEFORE else value

@@ -7,6 +7,7 @@ the top, so that ``hil --help`` answers at once.
 import atexit
 import os
 import sys
+import warnings
 from typing import Any, NoReturn
 
 from hil.errors import printable, told_to_user
@@ -25,6 +26,7 @@ def main() -> None:
     # Before NumPy is loaded.  Work is shared out in larger pieces (`estimator.side_by_side`), and threads of its own in
     # each product of matrices only wait for those.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    warnings.formatwarning = lambda message, *_, **__: f"hil: {printable(str(message))}\n"
     code = execute(sys.argv[1:])
     if code == ExitCode.INTERRUPTED:  # to take all modules and compiled code apart would take a second more
         atexit._run_exitfuncs()

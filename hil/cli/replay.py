@@ -8,7 +8,7 @@ import hil
 from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out
 
 Backend = Annotated[
-    Literal["numba", "numpy", "filterpy"] | None,
+    Literal["c", "numpy", "filterpy"] | None,
     typer.Option("--backend", help="Compiled, or one of the slow oracles.  [default: the bench's]"),
 ]
 

@@ -31,7 +31,7 @@ CASES = [
     (
         "",
         OBSERVER + 'gain = "stationary"\nbackend = "filterpy"',
-        '[observer] backend: "filterpy" has no stationary gain; use "numba" or "numpy"',
+        '[observer] backend: "filterpy" has no stationary gain; use "c" or "numpy"',
     ),
     ("", "[observer.initial_sd]\nstiffness = 1e9", "[observer.initial_sd] stiffness: 1e+09 is beyond 1"),
     ("", "[observer.process_noise]\nrate_rad_s_per_rts = 1e99", "[observer.process_noise] rate_rad_s_per_rts: 1e+99"),

@@ -253,9 +253,7 @@ def correct(
     )  # fmt: skip
 
 
-def predict_measurement(
-    settings: Any, active: Array, memory: Any, x: Array, sample: Sample, work: Workspace
-) -> bool:
+def predict_measurement(settings: Any, active: Array, memory: Any, x: Array, sample: Sample, work: Workspace) -> bool:
     z, u, h = sample
     given = (settings, active, len(active), memory, x, z, u, u.shape[1], h, work.buffer)
     return bool(piece("p_predict_measurement", *given, result=ctypes.c_int64))

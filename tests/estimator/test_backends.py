@@ -64,7 +64,7 @@ def test_equal_on_a_closed_loop_record(
     off = 1.0 if variant is Variant.SENSE else 1.03
     device = TRUTH.device(stiffness=off, damping=off)
     settings = ObserverSettings(variant=variant, gain=gain, process_noise=NOISE)
-    pair = [make_observer(name, device, settings, TRUTH.controller()) for name in ("numba", backend)]
+    pair = [make_observer(name, device, settings, TRUTH.controller()) for name in ("c", backend)]
     apart, where = worst(*pair, record.sense, drive_polynomials(record.drive, hold))
     assert apart < EQUAL, where
 
@@ -74,7 +74,7 @@ def test_equal_on_a_closed_loop_record(
 @pytest.mark.parametrize("backend", ORACLES)
 def test_equal_on_one_axis(record: Record, backend: Backend, gain: Gain, hold: Hold) -> None:
     settings = ObserverSettings(gain=gain, process_noise=NOISE)
-    pair = [make_observer(name, single_axis(TRUTH.device()), settings) for name in ("numba", backend)]
+    pair = [make_observer(name, single_axis(TRUTH.device()), settings) for name in ("c", backend)]
     apart, where = worst(*pair, record.sense[:, :1], drive_polynomials(record.drive[:, :1], hold))
     assert apart < EQUAL, where
 
@@ -87,7 +87,7 @@ def test_equal_while_the_memory_shortens_and_the_prior_is_recalled(backend: Back
     made = close_loop(observer_of(TRUTH, ObserverSettings(memory=1.0)), TRUTH, 600, jump, acquire=200)
     settings = ObserverSettings(memory=1.0, spread=Spread(stiffness=0.01))
     device = TRUTH.device(stiffness=1.03)
-    one, other = (make_observer(name, device, settings, TRUTH.controller()) for name in ("numba", backend))
+    one, other = (make_observer(name, device, settings, TRUTH.controller()) for name in ("c", backend))
     found = one.run(made.sense, made.drive)
     agreement = disagreement(found, other.run(made.sense, made.drive))
     assert max(agreement.values()) < EQUAL, agreement
@@ -102,7 +102,7 @@ def test_a_stationary_gain_is_looked_up_alike(record: Record, variant: Variant) 
     settings = ObserverSettings(
         variant=variant, gain=Gain.STATIONARY, memory=0.05, acquisition=0.02, process_noise=NOISE
     )
-    pair = [make_observer(name, TRUTH.device(), settings, TRUTH.controller()) for name in ("numba", "numpy")]
+    pair = [make_observer(name, TRUTH.device(), settings, TRUTH.controller()) for name in ("c", "numpy")]
     apart, where = worst(*pair, record.sense[:450], record.drive[:450])
     assert apart < EQUAL, where
 
@@ -114,7 +114,7 @@ def test_equal_with_intervals_of_their_own_length_and_in_blocks() -> None:
     rng = np.random.default_rng(3)
     step = rng.choice([1, 1, 1, 2, 5], 240) / TRUTH.sample_rate
     sense, drive = free_record(TRUTH, step, 2.0, rng)
-    whole = make_observer("numba", device, settings).run(sense, drive, step=step, every=3)
+    whole = make_observer("c", device, settings).run(sense, drive, step=step, every=3)
     oracle = make_observer("numpy", device, settings)
     parts = [oracle.run(*(x[i : i + 80] for x in (sense, drive)), step=step[i : i + 80]) for i in (0, 80, 160)]
     for name in ("angle", "angle_pattern", "angle_plain", "angle_rate_integral", "energy_ratio"):
@@ -195,7 +195,7 @@ def test_equal_for_any_device(
     if axes == 1:
         device, sense, drive = single_axis(device), sense[:, :1], drive[:, :1]
     drive = drive_polynomials(drive, hold)
-    reference = make_observer("numba", device, settings).run(sense, drive)
+    reference = make_observer("c", device, settings).run(sense, drive)
     for backend in ORACLES:
         found = disagreement(make_observer(backend, device, settings).run(sense, drive), reference)
         apart, where = max((value, name) for name, value in found.items())
@@ -223,16 +223,16 @@ def test_agreement_sees_a_difference_in_every_quantity() -> None:
 def test_oracles_only_replay(backend: Backend) -> None:
     observer = make_observer(backend, TRUTH.device(), ObserverSettings(), TRUTH.controller())
     with pytest.raises(
-        ModelError, match=f"backend '{backend}' only replays records; close the loop with backend 'numba'"
+        ModelError, match=f"backend '{backend}' only replays records; close the loop with backend 'c'"
     ):
         observer.tick(0.0, 0.0, 0.0, 0.0)
 
 
 def test_filterpy_has_no_stationary_gain() -> None:
-    with pytest.raises(ModelError, match="no stationary gain; use backend 'numba' or 'numpy'"):
+    with pytest.raises(ModelError, match="no stationary gain; use backend 'c' or 'numpy'"):
         make_observer("filterpy", TRUTH.device(), ObserverSettings(gain=Gain.STATIONARY))
 
 
 def test_unknown_backend_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ModelError, match="no backend 'fortran'; known: numba, numpy, filterpy"):
+    with pytest.raises(ModelError, match="no backend 'fortran'; known: c, numpy, filterpy"):
         make_observer("fortran", TRUTH.device(), ObserverSettings())  # type: ignore[arg-type]

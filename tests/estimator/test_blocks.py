@@ -10,12 +10,11 @@ import pytest
 from scipy.linalg import expm
 
 from estimator.backend import make_observer
-from estimator.kernel.controller import command
-from estimator.kernel.observer import workspace
-from estimator.kernel.stationary import Course, gather_gains
+from estimator.core.filter import Filter
 from estimator.observer import Observer
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from tests.estimator.agreement import disagreement
+from tests.estimator.core_pieces import command, workspace
 from tests.estimator.gyro_loop import Array, Truth, free_motion
 from tests.estimator.test_backends import free_record, single_axis
 
@@ -42,25 +41,21 @@ def settings_of(variant: Variant, gain: Gain) -> ObserverSettings:
 @pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
 def test_estimates_are_the_oracles(record: tuple[Array, Array], variant: Variant, gain: Gain) -> None:
     device, settings = TRUTH.device(), settings_of(variant, gain)
-    one, other = (make_observer(name, device, settings, TRUTH.controller()) for name in ("numba", "numpy"))
+    one, other = (make_observer(name, device, settings, TRUTH.controller()) for name in ("c", "numpy"))
     agreement = disagreement(one.run(*record), other.run(*record))
     assert max(agreement.values()) < 1e-7, agreement
     assert one.arrays.memory["referred"][0] == 1
 
 
 @pytest.mark.moderate
-@pytest.mark.parametrize("general", [0, 1])
 @pytest.mark.parametrize("memory", [0.01, 0.05])
-def test_forgetting_in_haste_and_recalling_are_the_oracles(
-    record: tuple[Array, Array], general: int, memory: float
-) -> None:
+def test_forgetting_in_haste_and_recalling_are_the_oracles(record: tuple[Array, Array], memory: float) -> None:
     """A stiffness far beyond its spread and a blow: innovations too large, variances beyond where they began."""
     sense = record[0].copy()
     sense[50:] *= 1.2
     settings = ObserverSettings(memory=memory, spread=Spread(stiffness=0.01), process_noise=NOISE)
     device = TRUTH.device(stiffness=1.03)
-    one, other = (make_observer(name, device, settings, TRUTH.controller()) for name in ("numba", "numpy"))
-    one.arrays.settings["general"] = general
+    one, other = (make_observer(name, device, settings, TRUTH.controller()) for name in ("c", "numpy"))
     agreement = disagreement(one.run(sense, record[1]), other.run(sense, record[1]))
     assert float(one.arrays.memory["nis"][0]) > 3.0
     assert max(agreement.values()) < 1e-6, agreement
@@ -70,21 +65,19 @@ def test_forgetting_in_haste_and_recalling_are_the_oracles(
 @pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
 def test_one_axis_is_the_oracles(record: tuple[Array, Array], gain: Gain) -> None:
     device, settings = single_axis(TRUTH.device()), ObserverSettings(gain=gain, memory=0.02, process_noise=NOISE)
-    one, other = (make_observer(name, device, settings) for name in ("numba", "numpy"))
+    one, other = (make_observer(name, device, settings) for name in ("c", "numpy"))
     sense, drive = (part[:, :1] for part in record)
     agreement = disagreement(one.run(sense, drive), other.run(sense, drive))
     assert max(agreement.values()) < 1e-7, agreement
 
 
-@pytest.mark.parametrize("general", [0, 1])
-def test_every_few_samples_the_state_as_it_is_then(record: tuple[Array, Array], general: int) -> None:
+def test_every_few_samples_the_state_as_it_is_then(record: tuple[Array, Array]) -> None:
     """Rows of the state at every seventh sample are those of every sample; blocks of any size give the same."""
     sense, drive = record
     settings = settings_of(Variant.FULL, Gain.FADING)
     runs = []
     for every, cuts in ((1, [0, N]), (7, [0, N]), (7, [0, 21, 56, N])):
         one = Observer(TRUTH.device(), settings, TRUTH.controller())
-        one.arrays.settings["general"] = general
         parts = [
             one.run(sense[a:b], drive[a:b], every=every) for a, b in pairwise(cuts)
         ]  # fmt: skip
@@ -98,14 +91,12 @@ def test_every_few_samples_the_state_as_it_is_then(record: tuple[Array, Array], 
         np.testing.assert_allclose(deviation[-1], np.sqrt(np.diagonal(one.covariance)), rtol=1e-12)
 
 
-@pytest.mark.parametrize("general", [0, 1])
 def test_a_block_ends_with_its_last_sample_and_not_with_the_last_state_that_is_kept(
-    record: tuple[Array, Array], general: int
+    record: tuple[Array, Array],
 ) -> None:
     ends = []
     for every in (1, 2 * N):
         one = Observer(TRUTH.device(), settings_of(Variant.FULL, Gain.FADING), TRUTH.controller())
-        one.arrays.settings["general"] = general
         found = one.run(*record, every=every)
         assert len(found.state) == (N if every == 1 else 0)
         ends.append(one)
@@ -124,12 +115,10 @@ def test_what_is_not_estimated_has_no_deviation_and_stays(record: tuple[Array, A
     assert np.all(found.deviation[:, one.estimated_index] > 0.0)
 
 
-@pytest.mark.parametrize("general", [0, 1])
-def test_a_tick_is_a_block_of_one_sample(record: tuple[Array, Array], general: int) -> None:
+def test_a_tick_is_a_block_of_one_sample(record: tuple[Array, Array]) -> None:
     sense, drive = record
     one, other = (Observer(TRUTH.device(), settings_of(Variant.FULL, Gain.FADING), TRUTH.controller()) for _ in "ab")
     for made in (one, other):
-        made.arrays.settings["general"] = general
         made.enable_control(False)
     volts, force = other.sense_quantum, other.drive_quantum
     codes, drives = np.rint(sense / volts), np.rint(drive / force)
@@ -142,12 +131,9 @@ def test_a_tick_is_a_block_of_one_sample(record: tuple[Array, Array], general: i
     np.testing.assert_allclose(one.covariances, other.covariances, rtol=1e-7, atol=1e-14)
 
 
-@pytest.mark.parametrize("general", [0, 1])
-def test_a_tick_answers_with_the_command_for_its_sample(record: tuple[Array, Array], general: int) -> None:
+def test_a_tick_answers_with_the_command_for_its_sample(record: tuple[Array, Array]) -> None:
     """As the control law gives it for a state that another observer comes to, which is told to drive afterwards."""
     one, other = (Observer(TRUTH.device(), settings_of(Variant.FULL, Gain.FADING), TRUTH.controller()) for _ in "ab")
-    for made in (one, other):
-        made.arrays.settings["general"] = general
     other.enable_control(False)
     codes = np.rint(record[0][0] / one.sense_quantum)
     answer = one.tick(*codes, 0.0, 0.0)
@@ -160,8 +146,7 @@ def test_a_tick_answers_with_the_command_for_its_sample(record: tuple[Array, Arr
     assert all(answer)
 
 
-@pytest.mark.parametrize("general", [0, 1])
-def test_a_drive_is_turned_by_the_virtual_rotation_while_it_acts(record: tuple[Array, Array], general: int) -> None:
+def test_a_drive_is_turned_by_the_virtual_rotation_while_it_acts(record: tuple[Array, Array]) -> None:
     """Its integral counts the samples at which anything drives, on either axis, and those with control alone."""
     sense, drive = record[0], record[1].copy()
     drive[:30] = 0.0
@@ -170,7 +155,6 @@ def test_a_drive_is_turned_by_the_virtual_rotation_while_it_acts(record: tuple[A
     virtual = 5e-3 * TRUTH.omega0
     for on in (True, False):
         one = Observer(TRUTH.device(), settings_of(Variant.FULL, Gain.FADING), TRUTH.controller())
-        one.arrays.settings["general"] = general
         one.enable_control(on)
         one.run(sense, drive)
         expected = virtual * (N - 30) / TRUTH.sample_rate if on else 0.0
@@ -208,7 +192,7 @@ def test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit() -> None:
     a = one.arrays
     a.settings["ignored"][0] = 0.5 * a.settings["noise"][0]
     total, weight = np.zeros((32, 32, 13, 2)), np.zeros((32, 32))
-    gather_gains(a._replace(p=a.p.copy()), Course(5e-3, one.h, 12, 1), total, weight)
+    Filter(a._replace(table=total, p=a.p.copy())).gather(total, weight, rotation=5e-3, h=one.h, settle=12, samples=1)
     assert weight.sum() == 1.0
     i, j = np.argwhere(weight == 1.0)[0]
     p = gained(one, 13)
@@ -304,14 +288,10 @@ def test_a_late_path_finds_the_drives_of_the_intervals_before(
     np.testing.assert_allclose(kept, drive[5::-1] if effects else np.zeros((6, 2)), rtol=1e-12)
 
 
-@pytest.mark.parametrize("general", [0, 1])
-def test_from_its_reference_on_an_angle_is_counted_from_a_value_that_is_exact(
-    record: tuple[Array, Array], general: int
-) -> None:
+def test_from_its_reference_on_an_angle_is_counted_from_a_value_that_is_exact(record: tuple[Array, Array]) -> None:
     """At that instant it has no variance, and nothing that it shares with the state: then only what has come since."""
     device = replace(TRUTH.device(), angular_gain=0.8)
     one = Observer(device, replace(settings_of(Variant.FULL, Gain.FADING), reference=3.5 / TRUTH.sample_rate))
-    one.arrays.settings["general"] = general
     before = one.run(record[0][:3], record[1][:3])
     assert np.all(before.angle_deviation > 0.0)
     assert one.arrays.memory["angle_cross"].any()

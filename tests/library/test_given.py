@@ -156,7 +156,7 @@ def test_what_is_no_record_path_or_bench_is_refused(tmp_path: Path) -> None:
         assert line.startswith(f"{name}: expected")
     assert refusal(lambda: hil.sweep("s-slow-noise", workers="2")).startswith("workers: expected")  # type: ignore[arg-type]
     line = refusal(lambda: hil.replay(ARRAYS, bench, backend="banana", out=tmp_path))  # type: ignore[arg-type]
-    assert line.startswith("the arrays given: no backend 'banana'; known: numba")
+    assert line.startswith("the arrays given: no backend 'banana'; known: c")
     assert not list(tmp_path.iterdir())
 
 

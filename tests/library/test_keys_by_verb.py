@@ -169,7 +169,7 @@ def test_the_page_lists_what_there_is() -> None:
 @pytest.mark.parametrize("backend", ["filterpy", "numpy"])
 def test_a_backend_is_refused_by_all_but_replay(verb: Verb, backend: str) -> None:
     own = declared("force").with_(observer={"backend": backend})
-    with pytest.raises(InputError, match=rf'"{backend}" is for hil replay alone, hil {verb} has "numba"') as told:
+    with pytest.raises(InputError, match=rf'"{backend}" is for hil replay alone, hil {verb} has "c"') as told:
         require_usable(own, verb)
     assert f"--backend {backend}" in str(told.value)
     require_usable(own, "replay")
