@@ -1,0 +1,217 @@
+"""Functions of one model: its field on columns, its Taylor series, its measurement, its jumps.
+
+A step of the flow is a Taylor series: with s' = M(c) s + N(c) u the coefficients follow a[n+1] = (M a[n] + N u[n]) / (n
++ 1), and the sensitivities to initial state and constants obey the same recursion with dM/dc a[n] + dN/dc u[n] added.
+So one function serves values and Jacobian alike, on columns [state | by the state | by the flow constants].
+"""
+
+from collections.abc import Sequence
+
+import sympy as sp
+
+from estimator.core.generate.printer import assignments, free_symbols, loads, written
+from estimator.model.declaration import Model
+
+
+class Field:
+    """A model's field as functions of its columns need it: M's entries, and what is added in each row."""
+
+    def __init__(self, model: Model) -> None:
+        self.m, n = model.system_matrices()
+        self.rows = range(self.m.rows)
+        self.states = [state.symbol for state in model.states]
+        self.constants = {constant.symbol: f"c[{i}]" for i, constant in enumerate(model.constants)}
+        self.inputs = list(model.inputs)
+        self.varying = [
+            (f"const real m{i}_{j}", self.m[i, j])
+            for i in self.rows for j in self.rows if not self.m[i, j].is_number
+        ]  # fmt: skip
+        self.driven = {
+            i: e for i in self.rows if (e := sum(n[i, j] * u for j, u in enumerate(self.inputs))) != 0
+        }
+        self.forced = {
+            (i, 1 + len(self.states) + j): e
+            for j, constant in enumerate(model.flow_constants)
+            for i in self.rows
+            if (e := sp.diff(model.field[i], constant.symbol)) != 0
+        }
+
+    def prologue(self) -> list[str]:
+        """Constants by name, M's entries."""
+        used = free_symbols(e for _, e in self.varying) | free_symbols([*self.driven.values(), *self.forced.values()])
+        return loads(self.constants, used) + assignments(self.varying, "w")
+
+    def product(self, row: int, of: Sequence[str]) -> str:
+        """Row of M times what stands in these places."""
+        terms = []
+        for j, place in enumerate(of):
+            entry = self.m[row, j]
+            if entry == 1:
+                terms.append(place)
+            elif entry != 0:
+                terms.append(f"{written(entry) if entry.is_number else f'm{row}_{j}'} * {place}")
+        return " + ".join(terms) or "R(0.0)"
+
+
+def _indented(lines: Sequence[str], by: int = 4) -> list[str]:
+    return [" " * by + line for line in lines]
+
+
+def _body(lines: Sequence[str]) -> str:
+    return "\n".join([*_indented(lines), "}"])
+
+
+def field_columns(model: Model) -> str:
+    """`<model>_field_columns`: out = M a in each column, and what the drive and the constants force."""
+    field = Field(model)
+    lines = field.prologue()
+    lines.append("for (whole j = 0; j < columns; j++) {")
+    for i in field.rows:
+        product = field.product(i, [f"a[{k} * stride + j]" for k in field.rows])
+        lines.append(f"    out[{i} * stride + j] = {product};")
+    lines.append("}")
+    used = free_symbols([*field.driven.values(), *field.forced.values()])
+    lines += loads({u: f"u[{k}]" for k, u in enumerate(field.inputs)}, used)
+    lines += [f"out[{i} * stride] += {written(e)};" for i, e in field.driven.items()]
+    lines += ["if (columns == 1)", "    return;"]
+    lines += loads({s: f"a[{i} * stride]" for i, s in enumerate(field.states)}, free_symbols(field.forced.values()))
+    lines += [f"out[{i} * stride + {j}] += {written(e)};" for (i, j), e in field.forced.items()]
+    head = (
+        f"static inline void {model.name}_field_columns(const real *c, const real *a, const real *u, real *out,\n"
+        "    whole columns, whole stride)\n{"
+    )
+    return f"{head}\n{_body(lines)}"
+
+
+def taylor(model: Model) -> str:
+    """`<model>_taylor`: the columns of out advanced by their Taylor series over h under the drive u (axes, terms), a
+    polynomial in normalised time; a is scratch of out's shape; columns is 1 or all.
+    """
+    field = Field(model)
+    rows = field.rows
+    used_inputs = free_symbols([*field.driven.values(), *field.forced.values()])
+    inputs = [
+        f"const real {u} = n < terms ? u[{k} * terms + n] : R(0.0);"
+        for k, u in enumerate(field.inputs) if u in used_inputs
+    ]  # fmt: skip
+    series = ["for (whole n = 0; n < order; n++) {", "    const real scale = h / (real)(n + 1);"]
+    lines = [*field.prologue(), "if (columns == 1) {"]
+    lines += [f"    real {s} = out[{i} * stride], total{i} = {s};" for i, s in enumerate(field.states)]
+    lines += _indented([*series, *_indented(inputs)])
+    for i in rows:
+        pushed = f" + {written(field.driven[i])}" if i in field.driven else ""
+        lines.append(f"        const real b{i} = scale * ({field.product(i, [str(s) for s in field.states])}{pushed});")
+    lines += [f"        {s} = b{i}, total{i} += b{i};" for i, s in enumerate(field.states)]
+    lines += ["    }", *(f"    out[{i} * stride] = total{i};" for i in rows), "    return;", "}"]
+    lines += [f"real *restrict a{i} = a + {i} * stride, *restrict o{i} = out + {i} * stride;" for i in rows]
+    lines += ["for (whole j = 0; j < columns; j++) {"]
+    lines += [f"    a{i}[j] = o{i}[j];" for i in rows] + ["}"]
+    lines += [*series, *_indented(inputs)]
+    named = {s: f"a{i}[0]" for i, s in enumerate(field.states)}
+    forces = [(f"const real f{i}_{j}", e) for (i, j), e in field.forced.items()]
+    lines += _indented(loads(named, free_symbols(field.forced.values())) + assignments(forces, "v"))
+    lines.append("    for (whole j = 0; j < columns; j++) {")
+    for i in rows:
+        lines.append(f"        const real b{i} = scale * ({field.product(i, [f'a{k}[j]' for k in rows])});")
+    lines += [f"        a{i}[j] = b{i};" for i in rows]
+    lines += ["    }"]
+    for i, e in field.driven.items():
+        lines.append(f"    a{i}[0] += scale * ({written(e)});")
+    lines += [f"    a{i}[{j}] += scale * f{i}_{j};" for i, j in field.forced]
+    lines += ["    for (whole j = 0; j < columns; j++) {", *(f"        o{i}[j] += a{i}[j];" for i in rows), "    }", "}"]
+    head = (
+        f"static inline void {model.name}_taylor(const real *c, const real *u, whole terms, real h, whole order,\n"
+        "    whole columns, real *a, real *out, whole stride)\n{"
+    )
+    return f"{head}\n{_body(lines)}"
+
+
+def powers(model: Model) -> str:
+    """`<model>_powers`: out[n] <- (M h)^n/n!, column by column, n up to order: the terms of exp(M h)."""
+    field = Field(model)
+    rows = field.rows
+    used = free_symbols(e for _, e in field.varying)
+    lines = loads(field.constants, used) + assignments(field.varying, "w")
+    ones = [["R(1.0)" if i == j else "R(0.0)" for i in rows] for j in rows]
+    lines += [f"four a{j} = four_of({', '.join(ones[j])});" for j in rows]
+    lines += [f"put4(out + {4 * j}, a{j});" for j in rows]
+    lines += ["for (whole n = 0; n < order; n++) {", "    const real scale = h / (real)(n + 1);"]
+    for j in rows:  # column j of M^(n+1) = M^n M
+        terms = [(f"a{i}", field.m[i, j], f"m{i}_{j}") for i in rows if field.m[i, j] != 0]
+        lanes = [
+            f"scale4({written(entry) if entry.is_number else name}, {lane})" if entry != 1 else lane
+            for lane, entry, name in terms
+        ]
+        total = lanes[0]
+        for lane in lanes[1:]:
+            total = f"add4({total}, {lane})"
+        lines.append(f"    const four b{j} = scale4(scale, {total});")
+    lines += [f"    a{j} = b{j};" for j in rows]
+    lines += [f"    put4(out + 16 * n + {16 + 4 * j}, a{j});" for j in rows] + ["}"]
+    head = f"static inline void {model.name}_powers(const real *c, real h, whole order, real *out)\n{{"
+    return f"{head}\n{_body(lines)}"
+
+
+def add_constants(model: Model) -> str:
+    """`<model>_add_constants`: to the columns of the flow constants what changes of the field's entries do; e (4, 8):
+    what a unit of each state added to the force of each axis, [of x | of y], does to the states.
+    """
+    states = [state.symbol for state in model.states]
+    first = 1 + len(states)
+    pairs = []
+    for j, constant in enumerate(model.flow_constants):
+        entries = {
+            4 * axis + k: entry
+            for axis in range(model.axes)
+            for k, state in enumerate(states)
+            if (entry := sp.diff(model.field[2 * axis + 1], constant.symbol, state)) != 0
+        }
+        for i in range(len(states)):
+            changed = sum(entry * sp.Symbol(f"e[{8 * i + at}]") for at, entry in entries.items())
+            pairs.append((f"out[{i} * stride + {first + j}]", changed))
+    constants = {constant.symbol: f"c[{i}]" for i, constant in enumerate(model.constants)}
+    lines = loads(constants, free_symbols(e for _, e in pairs))
+    lines += [f"{place} += {written(e)};" for place, e in pairs]
+    head = f"static inline void {model.name}_add_constants(const real *c, const real *e, real *out, whole stride)\n{{"
+    return f"{head}\n{_body(lines)}"
+
+
+def sense(model: Model) -> str:
+    """`<model>_sense`: predicted measurement and the nonzero entries of its derivative by X, rows of `stride`."""
+    states = {state.symbol: f"s[{i}]" for i, state in enumerate(model.states)}
+    constants = {constant.symbol: f"c[{i}]" for i, constant in enumerate(model.constants)}
+    jacobian = sp.Matrix(model.measurement).jacobian([*states, *constants])
+    pairs = [(f"z[{i}]", e) for i, e in enumerate(model.measurement)]
+    pairs += [
+        (f"jacobian[{i} * stride + {j}]", jacobian[i, j])
+        for i in range(jacobian.rows) for j in range(jacobian.cols) if jacobian[i, j] != 0
+    ]  # fmt: skip
+    lines = loads(constants | states, free_symbols(e for _, e in pairs)) + assignments(pairs, "w")
+    head = (
+        f"static inline void {model.name}_sense(const real *c, const real *s, real *z, real *jacobian, whole stride)\n{{"
+    )
+    return f"{head}\n{_body(lines)}"
+
+
+def jump(model: Model) -> str:
+    """`<model>_jump`: what a unit jump of a constant does to the states."""
+    states = {state.symbol: f"s[{i}]" for i, state in enumerate(model.states)}
+    lines = ["(void)s;", f"for (whole i = 0; i < {len(states)}; i++)", "    out[i] = R(0.0);"]
+    for index, constant in enumerate(model.constants):
+        if constant.jump:
+            lines.append(f"if (constant == {index}) {{")
+            lines += _indented(loads(states, free_symbols(constant.jump.values())))
+            lines += [f"    out[{list(states).index(s)}] = {written(e)};" for s, e in constant.jump.items()]
+            lines.append("}")
+        elif index == 0:
+            lines.insert(0, "(void)constant;")
+    head = f"static inline void {model.name}_jump(const real *s, whole constant, real *out)\n{{"
+    return f"{head}\n{_body(lines)}"
+
+
+def functions(model: Model) -> list[str]:
+    """All of one model."""
+    found = [field_columns(model), taylor(model), sense(model), jump(model)]
+    if len(model.states) == 4:
+        found += [powers(model), add_constants(model)]
+    return found
