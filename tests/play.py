@@ -1,4 +1,4 @@
-"""An oscillator with a play element by SciPy, from one event to the next; what tests hold kernel and emulator to."""
+"""An oscillator with a play element by SciPy, from one event to the next; what tests hold core and emulator to."""
 
 import itertools
 from collections.abc import Callable

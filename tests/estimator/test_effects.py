@@ -16,15 +16,12 @@ from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.equation import equations
 from estimator.effects.page import page
 from estimator.errors import ModelError
-from estimator.kernel.compiled import compiled
-from estimator.kernel.flow import flow
-from estimator.kernel.observer import flow_work, predict_measurement, workspace
-from estimator.kernel.signals import advance_signals, signal_values
-from estimator.kernel.structures import Interval, Sample
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
+from tests.estimator.core_pieces import Sample, predict_measurement, workspace
+from tests.estimator.flow_pieces import FlowWork, Interval, advance_signals, flow, signal_values
 
 OMEGA0 = 2 * np.pi * 200.0
 STATE = np.array([0.8, 0.1, -0.3, 0.7])
@@ -53,15 +50,13 @@ SENSED = [effect.name for effect in EFFECTS if any(e != 0 for e in effect.sense)
 SMOOTH = [name for name in FORCES if name not in KINKED]
 
 
-@compiled
 def call_flow(record, memory, c, s, u, h, columns):
-    work = flow_work(record[0], c.shape[0], columns)
+    work = FlowWork(len(s), c.shape[0], columns)
     signal_values(record[0], memory[0], TIME, work.push.signals)
-    flow(record[0], Interval(TIME, h, u), memory[0].past, c, s, columns, work)
-    return work.out
+    flow(record[0], Interval(TIME, h, u), memory[0]["past"], c, s, columns, work)
+    return work.out.copy()
 
 
-@compiled
 def call_measurement(record, memory, active, x, z, u, h, nu, noise):
     work = workspace(record[0], 4 + active.shape[0], x.shape[0])
     predict_measurement(record[0], active, memory[0], x, Sample(z, u, h), work)

@@ -9,21 +9,33 @@ from scipy.interpolate import CubicHermiteSpline
 from scipy.linalg import expm
 from scipy.optimize import brentq
 
+from estimator.core.layout import MAX_DELAY, MAX_SIGNALS
+from estimator.core.taylor import taylor_order
 from estimator.effects.declaration import Source
 from estimator.errors import ModelError
-from estimator.kernel.drifts import DRIFTS, LENGTHS, OF_A_LENGTH, drift, drift_matrices, push_entries
-from estimator.kernel.flow import (
+from estimator.observer import Observer
+from estimator.scaling import Array
+from estimator.settings import Device, Gain, ObserverSettings
+from tests.estimator.flow_pieces import (
+    Cuts,
+    FlowWork,
+    Interval,
+    Push,
     along,
     begin_ways,
     catches,
+    drift,
+    drift_lengths,
+    drift_matrices,
     drive_at,
-    ends_slopes,
+    find_slopes,
     insert_sorted,
     kick,
-    late_parts,
+    late_by,
     late_polynomial,
     part_of,
     passing,
+    push_entries,
     push_one,
     push_slips,
     push_two,
@@ -31,13 +43,9 @@ from estimator.kernel.flow import (
     slide,
     turnovers,
 )
-from estimator.kernel.layout import MAX_DELAY, MAX_SIGNALS, MAX_SLIPS
-from estimator.kernel.structures import FlowWork, Interval, Push
-from estimator.kernel.taylor import LONGEST, taylor_order
-from estimator.observer import Observer
-from estimator.scaling import Array
-from estimator.settings import Device, Gain, ObserverSettings
 from tests.estimator.gyro_loop import Truth, free_motion
+
+LENGTHS, OF_A_LENGTH = 4, 80
 
 RANDOM = np.random.default_rng(8)
 DRIVE = np.array([[0.4, -0.3, 0.2, 0.5], [-0.2, 0.6, 0.1, -0.4]])
@@ -50,24 +58,6 @@ def one_axis(**effects: dict[str, float]) -> Observer:
 
 def two_axes(**effects: dict[str, float]) -> Observer:
     return Observer(Truth().device(), ObserverSettings(gain=Gain.EKF, effects=effects))
-
-
-def pushing(states: int, constants: int, columns: int) -> Push:
-    return Push(
-        np.zeros(2),
-        np.zeros((2, states)),
-        np.zeros((2, constants + 3)),
-        np.zeros(2),
-        np.zeros(2 * MAX_SIGNALS),
-        np.zeros((MAX_SLIPS, columns)),
-    )
-
-
-def working(states: int, constants: int, columns: int) -> FlowWork:
-    term, other, out = (np.zeros((states, columns)) for _ in range(3))
-    push = pushing(states, constants, columns)
-    powers, drifts, entries = np.zeros((len(LONGEST), 16)), np.zeros((LENGTHS, OF_A_LENGTH)), np.zeros((4, 8))
-    return FlowWork(term, other, out, push, np.zeros(states), powers, drifts, entries)
 
 
 def test_a_drive_is_its_polynomial_and_so_is_any_part_of_it() -> None:
@@ -91,16 +81,13 @@ def test_between_two_ends_goes_the_cubic_of_hermite_and_it_is_zero_where_it_is()
 
 
 def test_cuts_stand_in_order_and_no_more_than_fit() -> None:
-    values, count = np.full(4, 9.0), 0
-    for expected, value in (
-        ([0.5], 0.5),
-        ([0.2, 0.5], 0.2),
-        ([0.2, 0.4, 0.5], 0.4),
-        ([0.2, 0.4, 0.5, 0.9], 0.9),
-        ([0.2, 0.4, 0.5, 0.9], 0.1),
-    ):
-        count = insert_sorted(values, count, value)
-        assert values[:count].tolist() == expected
+    cuts, expected = Cuts(), []
+    for value in RANDOM.permutation(24) / 24.0:
+        insert_sorted(cuts, float(value))
+        expected = sorted([*expected, value])
+        assert cuts.at[: cuts.count].tolist() == expected
+    insert_sorted(cuts, 0.5)
+    assert cuts.at.tolist() == expected
 
 
 @pytest.mark.parametrize("h", [0.01, 0.3, 0.9, 2.0])
@@ -114,15 +101,8 @@ def test_the_order_is_the_least_whose_remainder_is_below_rounding(h: float) -> N
     wider = taylor_order(h, norm=4.0, tolerance=1e-6)
     assert remainder(wider, 4.0) < 1e-6
     assert wider == 2 or remainder(wider - 1, 4.0) >= 1e-6
-    assert h < LONGEST[order]
     with pytest.raises(ModelError, match="too long for the flow"):
         taylor_order(1e3)
-
-
-def test_an_interval_of_the_length_of_an_order_has_the_remainder_that_is_meant() -> None:
-    orders = np.arange(60)
-    remainder = (1.5 * LONGEST) ** (orders + 1) / np.array([float(math.factorial(n + 1)) for n in orders])
-    np.testing.assert_allclose(remainder, 1e-14, rtol=1e-9)
 
 
 @pytest.mark.parametrize("axis", [0, 1])
@@ -132,7 +112,7 @@ def test_an_interval_of_the_length_of_an_order_has_the_remainder_that_is_meant()
 def test_a_late_drive_is_that_of_then(axis: int, delay: float, start: float, length: float) -> None:
     """Of this interval where it is of this one, else of one before, newest first."""
     u = RANDOM.standard_normal((2, 3))
-    past = RANDOM.standard_normal((4, 2, 8))
+    past = RANDOM.standard_normal((MAX_DELAY + 1, 2, 8))
     out = np.full(3, 9.0)
     late_polynomial(u, past, axis, delay, start, length, out)
     for at in (0.1, 0.5, 0.9):
@@ -143,35 +123,22 @@ def test_a_late_drive_is_that_of_then(axis: int, delay: float, start: float, len
 
 
 def test_of_drives_older_than_what_is_kept_the_oldest_counts() -> None:
-    u, past, out = RANDOM.standard_normal((1, 1)), RANDOM.standard_normal((3, 1, 8)), np.zeros(1)
-    late_polynomial(u, past, 0, 7.5, 0.5, 0.5, out)
-    assert out[0] == past[2, 0, 0]
+    u, past, out = RANDOM.standard_normal((2, 1)), RANDOM.standard_normal((MAX_DELAY + 1, 2, 8)), np.zeros(1)
+    late_polynomial(u, past, 0, 27.5, 0.5, 0.5, out)
+    assert out[0] == past[MAX_DELAY, 0, 0]
 
 
 def test_delays_are_counted_in_intervals_within_what_is_kept() -> None:
-    made = two_axes(drive_delay={})
-    settings, h = made.arrays.settings[0], 0.5
-    first = int(settings["drive_delay"])
-    c = np.zeros(len(made.x) - 4)
-    for late, expected in (
-        ((0.6, 0.1), (1.2, 0.2, 0.2, 0.2)),
-        ((-0.3, 100.0), (0.0, MAX_DELAY - 1.0, 0.0, 0.0)),
-        ((100.0, -0.3), (MAX_DELAY - 1.0, 0.0, 0.0, 0.0)),
-    ):
-        c[first : first + 2] = late
-        assert late_parts(settings, c, h) == pytest.approx(expected, abs=1e-12)
-    made = one_axis(drive_delay={})
-    c = np.zeros(len(made.x) - 2)
-    c[int(made.arrays.settings["drive_delay"][0])] = 0.6
-    assert late_parts(made.arrays.settings[0], c, h) == pytest.approx((1.2, 1.2, 0.2, 0.2), abs=1e-12)
+    for late, expected in ((0.6, 1.2), (0.1, 0.2), (-0.3, 0.0), (100.0, MAX_DELAY - 1.0), (math.nan, MAX_DELAY - 1.0)):
+        assert late_by(late, 0.5) == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("columns", [5, 9, 12, 14])
 def test_forces_push_the_velocities_of_two_axes_in_all_columns(columns: int) -> None:
     """out ← out + weight (∂f/∂s out + ∂f/∂c), the first column by the forces themselves."""
     first, weight = 2, 0.3
-    push = pushing(4, 14, columns)
-    for part in push[:3]:
+    push = Push(4, 17)
+    for part in (push.force, push.by_states, push.by_constants):
         part[:] = RANDOM.standard_normal(part.shape)
     push.by_constants[:, :first] = 0.0  # what is sensed forces nothing
     out = RANDOM.standard_normal((4, columns))
@@ -185,8 +152,8 @@ def test_forces_push_the_velocities_of_two_axes_in_all_columns(columns: int) -> 
 
 def test_forces_push_the_velocity_of_one_axis_in_all_columns() -> None:
     first, weight, columns = 1, 0.3, 7
-    push = pushing(2, 6, columns)
-    for part in push[:3]:
+    push = Push(2, 9)
+    for part in (push.force, push.by_states, push.by_constants):
         part[:] = RANDOM.standard_normal(part.shape)
     out = RANDOM.standard_normal((2, columns))
     expected = out.copy()
@@ -221,11 +188,11 @@ def test_a_kick_is_the_force_amid_it_and_its_columns_are_differences(axes: int, 
         return found
 
     for count in (1, columns):
-        out, other = np.zeros((states, count)), np.zeros((states, count))
+        out = np.zeros((states, count))
         out[:, 0] = s
         if count > 1:
             out[:, 1 : 1 + states] = np.eye(states)
-        kick(settings, c, weight, count, np.zeros(states), other, out, pushing(states, constants, count))
+        kick(settings, c, weight, out, Push(states, constants))
         np.testing.assert_allclose(out[:, 0], after(s, c), rtol=1e-13)
     for j in range(columns - 1):
         ahead, behind = s.copy(), s.copy()
@@ -241,13 +208,13 @@ def test_a_kick_is_the_force_amid_it_and_its_columns_are_differences(axes: int, 
 @pytest.mark.parametrize("h", [0.05, 0.31, 0.44, -0.31])
 def test_over_each_drift_goes_the_exponential_of_the_matrix_and_what_a_drive_adds(h: float) -> None:
     """So it does to Gauss's points within it."""
-    c, powers, found = np.zeros(9), np.zeros((len(LONGEST), 16)), np.full((LENGTHS, OF_A_LENGTH), 9.0)
+    c, found = np.zeros(9), np.full((LENGTHS, OF_A_LENGTH), 9.0)
     c[2:9] = 0.15, 1.1, 0.9, 0.07, 0.2, 0.3, 0.1
-    drift_matrices(c, np.array([[0.7], [-0.4]]), h, powers, found)
+    drift_matrices(c, np.array([0.7, -0.4]), h, 40, found)
     both = np.zeros((5, 5))
     both[:4, :4], both[:4, 4] = free_motion(*c[2:9]), (0.0, 0.7, 0.0, -0.4)  # Van Loan
     points = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
-    for length, one in zip(DRIFTS, found, strict=False):
+    for length, one in zip(drift_lengths(), found, strict=False):
         for at, share, rounding in zip((0, 20, 40, 60), (1.0, *points), (1e-14, 1e-11, 1e-11, 1e-11), strict=True):
             expected = expm(both * length * share * h)[:4]
             np.testing.assert_allclose(one[at : at + 20].reshape(5, 4).T, expected, atol=rounding)
@@ -262,11 +229,10 @@ def test_a_drift_takes_all_columns_along(columns: int) -> None:
 
 
 def test_forces_push_the_velocities_of_what_entries_of_the_field_do() -> None:
-    push, entries, weight = pushing(4, 9, 12), RANDOM.standard_normal((4, 8)), 0.3
-    push.by_states[:] = RANDOM.standard_normal((2, 4))
+    by_states, entries, weight = RANDOM.standard_normal((2, 4)), RANDOM.standard_normal((4, 8)), 0.3
     expected = entries.copy()
-    expected[[1, 3]] += weight * push.by_states @ entries
-    push_entries(weight, push, entries)
+    expected[[1, 3]] += weight * by_states @ entries
+    push_entries(weight, by_states, entries)
     np.testing.assert_allclose(entries, expected, rtol=1e-12)
 
 
@@ -274,12 +240,10 @@ def test_slopes_at_both_ends_are_those_of_the_equation() -> None:
     made = two_axes()
     c, u = made.x[4:].copy(), DRIVE[:, :2].copy()
     c[2:9] = 0.15, 1.1, 0.9, 0.07, 0.2, 0.3, 0.1
-    work, slopes = working(4, 9, 1), np.full((2, 4), 9.0)
-    work.out[:, 0] = 0.8, -0.4, 0.5, 0.7
-    end = np.array([[0.1], [0.6], [-0.3], [0.2]])
-    ends_slopes(made.arrays.settings[0], c, u, end, work, slopes)
-    for found, state, drive in zip(slopes, (work.out, end), (u[:, 0], u.sum(axis=1)), strict=True):
-        expected = free_motion(*c[2:9]) @ state[:, 0] + np.array([0.0, drive[0], 0.0, drive[1]])
+    begin, end = np.array([0.8, -0.4, 0.5, 0.7]), np.array([0.1, 0.6, -0.3, 0.2])
+    slopes = find_slopes(made.arrays.settings[0], c, u, begin, end)
+    for found, state, drive in zip(slopes, (begin, end), (u[:, 0], u.sum(axis=1)), strict=True):
+        expected = free_motion(*c[2:9]) @ state + np.array([0.0, drive[0], 0.0, drive[1]])
         np.testing.assert_allclose(found, expected, rtol=1e-12)
 
 
@@ -293,37 +257,34 @@ def test_an_interval_is_cut_where_friction_turns_over(flip: float) -> None:
     c = np.zeros(len(made.x) - 4)
     c[3], c[4] = 1.0, 1.0
     h = 0.3
-    work = working(4, len(c), 1)
+    work = FlowWork(4, len(c), 1)
     start = flip * np.array([np.cos(0.1), np.sin(0.1), 0.5 * np.cos(0.17), 0.5 * np.sin(0.17)])
     work.out[:, 0] = start
-    cuts = np.zeros(24)
-    count = turnovers(settings, Interval(0.0, h, np.zeros((2, 1))), c, work, cuts)
+    cuts = turnovers(settings, Interval(0.0, h, np.zeros((2, 1))), c, work)
     expected = sorted(
         (since - math.asin(level * rest / size)) / h
         for since, size in ((0.1, 1.0), (0.17, 0.5))
         for level in (-3.0, 0.0, 3.0)
     )
-    assert count == 6
-    np.testing.assert_allclose(cuts[:6], expected, atol=1e-4)
+    assert cuts.count == 6
+    np.testing.assert_allclose(cuts.at[:6], expected, atol=1e-4)
     np.testing.assert_array_equal(work.out[:, 0], start)
     # Nothing turns over in a time in which the velocities keep their sign and are fast.
     work.out[:, 0] = expm(free_motion(0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 0.0)) @ start
-    assert turnovers(settings, Interval(0.0, h, np.zeros((2, 1))), c, work, cuts) == 0
+    assert turnovers(settings, Interval(0.0, h, np.zeros((2, 1))), c, work).count == 0
 
 
 @pytest.mark.parametrize("flip", [1.0, -1.0])
 def test_a_mass_catches_what_follows_it_with_play_on_both_sides_of_its_turn(flip: float) -> None:
     """Along x = t − t², which turns at ½: from 0.05 short of the half-width, and twice that on the way back."""
-    h, width = 2.0, 0.1
-    begin, end = np.zeros((4, 1)), np.zeros((4, 1))
-    begin[2:, 0], end[2:, 0] = (0.0, flip / h), (0.0, -flip / h)
-    cuts = np.zeros(8)
-    cuts[0] = 0.01
-    assert catches(flip * 0.05, width, 2, h, begin, end, 0.5, cuts, 1) == 3
-    np.testing.assert_allclose(cuts[:3], [0.01, 0.5 - math.sqrt(0.2), 0.5 + math.sqrt(0.2)], atol=1e-9)
+    width, way, cuts = 0.1, (0.0, flip, 0.0, -flip), Cuts()
+    insert_sorted(cuts, 0.01)
+    catches(flip * 0.05, width, way, 0.5, cuts)
+    np.testing.assert_allclose(cuts.at[: cuts.count], [0.01, 0.5 - math.sqrt(0.2), 0.5 + math.sqrt(0.2)], atol=1e-9)
     # What is caught already is not caught again, and a way shorter than what is left catches nothing.
-    assert catches(flip * width, width, 2, h, begin, end, 1.0, cuts, 0) == 0
-    assert catches(0.0, 0.3, 2, h, begin, end, 0.5, cuts, 0) == 0
+    catches(flip * width, width, way, 1.0, none := Cuts())
+    catches(0.0, 0.3, way, 0.5, none)
+    assert none.count == 0
 
 
 def test_what_follows_with_play_begins_as_if_it_had_come_from_nothing() -> None:
@@ -335,9 +296,10 @@ def test_what_follows_with_play_begins_as_if_it_had_come_from_nothing() -> None:
     c = np.zeros(15)
     c[9:12] = 0.5, 0.6, 0.0
     for x, y, own_x, own_y in ((0.3, -0.9, True, False), (0.7, 0.2, False, True), (-0.7, 0.9, False, False)):
-        slips = np.full((MAX_SLIPS, columns), 9.0)
+        push = Push(4, 15)
+        push.slips[:] = 9.0
         s = np.array([x, 3.0, y, 4.0])
-        begin_ways(settings, c, s, columns, slips)
+        begin_ways(settings, c, s, columns, push)
         expected = np.zeros((4, columns))
         for row, (at, width, own, constant) in enumerate(((x, 0.5, own_x, 9), (y, 0.6, own_y, 10))):
             expected[row, 0] = np.clip(at, -width, width)
@@ -345,10 +307,9 @@ def test_what_follows_with_play_begins_as_if_it_had_come_from_nothing() -> None:
                 expected[row, 1 + 2 * row] = 1.0
             else:
                 expected[row, 1 + 4 + constant - 2] = np.sign(at)
-        np.testing.assert_array_equal(slips[:4], expected)
-        alone = np.full((MAX_SLIPS, 1), 9.0)
-        begin_ways(settings, c, s, 1, alone)
-        np.testing.assert_array_equal(alone[:4, 0], expected[:, 0])
+        np.testing.assert_array_equal(push.slips[:4, :columns], expected)
+        begin_ways(settings, c, s, 1, push)
+        np.testing.assert_array_equal(push.slips[:4, 0], expected[:, 0])
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -362,10 +323,12 @@ def test_a_slip_goes_with_the_motion_and_its_columns_are_differences(sign: float
     c[9], c[10] = reach, -1.0
     before, out = RANDOM.standard_normal((4, columns)), RANDOM.standard_normal((4, columns))
     before[2:, 0], out[2:, 0] = (0.1 * sign, 0.5 * sign), (0.35 * sign, 0.9 * sign)
-    slips = RANDOM.standard_normal((MAX_SLIPS, columns))
+    push = Push(4, 12)
+    slips = push.slips
+    slips[:, :columns] = RANDOM.standard_normal((len(slips), columns))
     slips[0, 0] = 0.2 * sign
     known = slips[0].copy()
-    slide(settings, c, h, columns, before, out, slips)
+    slide(settings, c, h, before, out, push)
     assert not slips[1].any()  # without a reach there is none
 
     def ended(j: int, step: float) -> float:
@@ -382,7 +345,7 @@ def test_a_slip_goes_with_the_motion_and_its_columns_are_differences(sign: float
     forth = 0.5 * 0.5 * turn * h
     back = 0.05 - (0.1 + forth)
     slips[0] = known
-    slide(settings, c, h, columns, before, out, slips)
+    slide(settings, c, h, before, out, push)
     top, by_z, by_way, by_reach = slid(0.2, forth, reach)
     bottom, by_z_back, by_way_back, by_reach_back = slid(-top, -back, reach)
     assert slips[0, 0] == pytest.approx(-sign * bottom, rel=1e-12)
@@ -400,7 +363,7 @@ def test_a_force_of_a_slip_moves_with_it() -> None:
     settings, weight, columns = made.arrays.settings[0], 0.3, 6
     settings["slip_count"] = 2
     settings["slips"][:2] = [(5, 1, 9, 0), (2, 0, 9, 0)]
-    push = pushing(4, 9, columns)
+    push = Push(4, 9)
     push.by_states[:] = RANDOM.standard_normal((2, 4))
     push.signals[MAX_SIGNALS + 5], push.signals[MAX_SIGNALS + 2] = 0.7, -0.4
     push.slips[:] = RANDOM.standard_normal(push.slips.shape)
@@ -409,6 +372,6 @@ def test_a_force_of_a_slip_moves_with_it() -> None:
         expected = out.copy()
         for row, slip, by_slip in ((3, 0, 0.7), (1, 1, -0.4)):
             amid = 1.0 + 0.5 * weight * push.by_states[row // 2, row] if moves else 1.0
-            expected[row, 1:] += weight * by_slip * amid * push.slips[slip, 1:]
-        push_slips(settings, weight, moves, columns, out, push)
+            expected[row, 1:] += weight * by_slip * amid * push.slips[slip, 1:columns]
+        push_slips(settings, weight, moves, out, push)
         np.testing.assert_allclose(out, expected, rtol=1e-12)

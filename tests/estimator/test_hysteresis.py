@@ -9,10 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from estimator.errors import ModelError
-from estimator.kernel.flow import slid
 from estimator.observer import Observer
 from estimator.settings import Device, ObserverSettings, Sensed
 from estimator.simulation import simulate
+from tests.estimator.flow_pieces import slid
 
 RATE, K, D = 500.0, (2.0 * np.pi * 20.0) ** 2, 3.0
 KH, REACH, AMPLITUDE = 0.03 * K, 2.5e-4, 1e-3

@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from estimator.core import layout
+from estimator.core.taylor import taylor_order
 from estimator.errors import ModelError
-from estimator.kernel import layout
-from estimator.kernel.taylor import taylor, taylor_order
 from estimator.model.catalogue import MODELS, model_for
 from estimator.observer import Observer
 from estimator.oracle.evaluation import evaluated
 from estimator.oracle.flow import backward
 from estimator.oracle.flow import flow as oracle_flow
 from estimator.settings import Device, ObserverSettings
+from tests.estimator.flow_pieces import taylor
 from tests.estimator.gyro_loop import Array, Truth, swing
 
 GYRO, OSCILLATOR = 0, 1
@@ -49,10 +50,10 @@ def some_case(number: int, degree: int, seed: int) -> tuple[Array, Array, Array]
 def kernel_flow(number: int, c: Array, s: Array, u: Array, h: float) -> Array:
     """[state | ∂/∂s | ∂/∂flow constants] after one step of the compiled flow."""
     columns = 1 + len(s) + len(MODELS[number].flow_constants)
-    term, out = np.zeros((len(s), columns)), np.zeros((len(s), columns))
+    out = np.zeros((len(s), columns))
     out[:, 0] = s
     out[:, 1 : 1 + len(s)] = np.eye(len(s))
-    taylor(number, c, u, h, taylor_order(h) + u.shape[1] - 1, columns, term, out)
+    taylor(number, c, u, h, taylor_order(h) + u.shape[1] - 1, columns, out)
     return out
 
 
@@ -104,11 +105,11 @@ def test_over_part_of_an_interval_every_column_goes_as_far_as_the_matrix_exponen
     """With the order that the whole interval asks for; behind the rest those of effects, which nothing pushes."""
     c, s, u = some_case(number, 2, seed=10 + more)
     states, model = len(s), 1 + len(s) + len(MODELS[number].flow_constants)
-    term, out = np.zeros((states, model + more)), np.zeros((states, model + more))
+    out = np.zeros((states, model + more))
     out[:, 0] = s
     out[:, 1:] = np.random.default_rng(more).standard_normal(out[:, 1:].shape)
     begun = out.copy()
-    taylor(number, c, u, 0.5 * part, taylor_order(0.5) + 2, model + more, term, out)
+    taylor(number, c, u, 0.5 * part, taylor_order(0.5) + 2, model + more, out)
     value, transition, sensitivity = oracle_flow(evaluated(number), c, s, u, 0.5 * part)
     expected = transition @ begun
     expected[:, 0] = value

@@ -9,10 +9,10 @@ import pytest
 
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
-from estimator.kernel.flow import caught
 from estimator.observer import Observer
 from estimator.settings import Device, ObserverSettings, Sensed
 from estimator.simulation import simulate
+from tests.estimator.flow_pieces import caught
 from tests.play import integrated, play
 
 RATE, K, D = 500.0, (2.0 * np.pi * 20.0) ** 2, 3.0

@@ -9,13 +9,12 @@ from scipy.integrate import solve_ivp
 
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
-from estimator.kernel.observer import workspace
-from estimator.kernel.sensing import sensed_otherwise, senses_otherwise
 from estimator.observer import Observer
 from estimator.refinement import refine
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed
 from estimator.simulation import simulate
+from tests.estimator.flow_pieces import Push, sensed_otherwise, senses_otherwise
 from tests.estimator.gyro_loop import Truth, free_motion
 from tests.estimator.test_effects import base, values
 
@@ -141,12 +140,12 @@ def shown(sensed: Sensed, c: Array, s: Array, u: float) -> tuple[float, Array, A
     made = Observer(device(sensed), ObserverSettings(gain=Gain.EKF, effects=carried))
     assert made.names[2:] == ("phi_x", "kxx", "dxx", "drive_gain_x", "k3x", "d3x", "a2x")
     settings = made.arrays.settings[0]
-    push = workspace(settings, len(made.arrays.p), len(made.x)).flow.push
+    push = Push(2, len(made.x) - 2)
     push.drive[0] = u
-    predicted, (by_states, by_constants) = np.zeros(2), np.hsplit(np.full((2, 9), 9.0), [2])  # parts, as in the kernels
+    predicted, full = np.zeros(2), np.full((2, 9), 9.0)
     assert bool(senses_otherwise(settings)) is (sensed is not Sensed.DISPLACEMENT)
-    sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
-    return predicted[0], by_states[0], by_constants[0]
+    sensed_otherwise(settings, c, s, push, predicted, full)
+    return predicted[0], full[0, :2], full[0, 2:]
 
 
 @pytest.mark.parametrize("sensed", list(Sensed))
@@ -216,14 +215,15 @@ def test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_difference
     settings = made.arrays.settings[0]
     settings["sensed"] = sensed
     assert senses_otherwise(settings)
-    push = workspace(settings, len(made.arrays.p), len(made.x)).flow.push
+    push = Push(4, len(made.x) - 4)
     push.signals[:] = 0.3  # as `values` has what memory holds
     u = np.array([0.7, -0.4])
     push.drive[:] = u
     s = np.array([0.8, -0.4, 0.3, 0.6])
     c = np.array([0.05, -0.03, 0.15, 1.1, 0.9, 0.07, 0.2, 0.3, 0.1, *0.1 * np.arange(2.0, 2.0 + len(made.x) - 13)])
-    predicted, (by_states, by_constants) = np.zeros(2), np.hsplit(np.full((2, 4 + len(c)), 9.0), [4])
-    sensed_otherwise(settings, c, s, push, predicted, by_states, by_constants)
+    predicted, full = np.zeros(2), np.full((2, 4 + len(c)), 9.0)
+    sensed_otherwise(settings, c, s, push, predicted, full)
+    by_states, by_constants = np.hsplit(full, [4])
     np.testing.assert_allclose(predicted, seen_of_two(made, sensed, c, s, u), rtol=1e-10)
     for place, found in ((s, by_states), (c, by_constants)):
         for i in range(len(place)):

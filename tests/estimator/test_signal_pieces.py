@@ -9,13 +9,13 @@ import pytest
 from numpy.polynomial.polynomial import polyval
 from scipy.integrate import solve_ivp
 
+from estimator.core.layout import MAX_SIGNALS
 from estimator.effects.declaration import Source
-from estimator.kernel.layout import MAX_SIGNALS
-from estimator.kernel.signals import advance_signals, lagged, leaking, line_values, signal_values, turns_over
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from estimator.simulation import simulate
+from tests.estimator.flow_pieces import advance_signals, lagged, leaking, line_values, signal_values, turns_over
 from tests.estimator.gyro_loop import Truth
 
 DRIVE = np.array([[0.4, -0.3, 0.2, 0.5], [-0.2, 0.6, 0.1, -0.4]])
