@@ -1,4 +1,4 @@
-"""The step of its own for a set of effects: the same numbers as the general kernels, symmetric, positive, cached."""
+"""A step with effects: beside SciPy and filterpy, sample by sample as in a block, symmetric and positive, copied."""
 
 import copy
 import pickle
@@ -8,29 +8,13 @@ import pytest
 from filterpy.kalman import ExtendedKalmanFilter
 from scipy.integrate import solve_ivp
 
-from estimator.kernel import steps
 from estimator.observer import Observer
-from estimator.settings import Gain, ObserverSettings, ProcessNoise, Variant
-from tests.estimator.agreement import disagreement
+from estimator.settings import ObserverSettings, ProcessNoise
 from tests.estimator.gyro_loop import Array, Record, Truth, troubled
 
 TRUTH = Truth(force_noise=1e-5)
 RANDOM_WALKS = ProcessNoise(force=1e-5, rate=0.1, offset=1e-5, stiffness=1e-4, damping=1e-2)
-SETS: dict[str, dict[str, dict[str, float]]] = {
-    "forces that depend on the velocity": {"cubic_stiffness": {}, "nonlinear_damping": {}},
-    "forces that do not, and drive": {"quadratic_stiffness": {}, "drive_gain": {}, "drive_misalignment": {}},
-    "measurement alone": {"sense_gain": {}, "sense_cubic": {}, "drive_feedthrough": {}},
-    "signals in time, twice the same": {
-        "base_vibration": {"omega": 900.0},
-        "interference:1": {"omega": 500.0},
-        "interference:2": {"omega": 700.0},
-    },
-    "signals that are measured or have a recursion": {
-        "temperature_stiffness": {},
-        "temperature_offset": {},
-        "parasitic_mode": {"omega": 9000.0, "zeta": 0.1},
-    },
-}
+EFFECTS: dict[str, dict[str, float]] = {"cubic_stiffness": {}, "nonlinear_damping": {}}
 
 
 @pytest.fixture(scope="module")
@@ -38,64 +22,21 @@ def record() -> Record:
     return troubled(TRUTH)
 
 
-def observer(effects: dict[str, dict[str, float]], **settings: object) -> Observer:
-    given = ObserverSettings(process_noise=RANDOM_WALKS, memory=1.0, effects=effects, **settings)  # type: ignore[arg-type]
-    return Observer(TRUTH.device(stiffness=1.005), given, TRUTH.controller())
-
-
-def given_for(name: str) -> dict[str, dict[str, float]]:
-    """The set, with the parameters under the names that its effects have for them."""
-    return {effect: dict(values) for effect, values in SETS[name].items()}
-
-
-@pytest.mark.beyond(1)
-@pytest.mark.long
-@pytest.mark.parametrize("name", SETS)
-def test_the_numbers_of_the_general_kernels(record: Record, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    warmth = 20.0 + 0.01 * np.arange(600)
-    one = observer(given_for(name))
-    assert one.may_have_step
-    one.compile_step()
-    assert steps.is_compiled(one.model, [effect for _, effect in one.effects])
-    found = one.run(record.sense, record.drive, temperature=warmth)
-    assert one.has_step
-    monkeypatch.setenv("GYROHIL_KERNEL", "general")
-    other = observer(given_for(name))
-    other.compile_step()
-    expected = other.run(record.sense, record.drive, temperature=warmth)
-    assert not other.has_step
-    agreement = disagreement(found, expected)
-    assert max(agreement.values()) < 1e-7, agreement
-    for field in ("nis", "cursor", "time", "theta", "forced", "rate_integral", "virtual_integral"):
-        assert one.arrays.memory[field][0] == pytest.approx(other.arrays.memory[field][0], rel=1e-7, abs=1e-9), field
-    assert not np.array_equal(found.angle, expected.angle)  # they are two computations
-
-
 @pytest.fixture
 def special() -> Observer:
-    one = observer(given_for("forces that depend on the velocity"))
-    one.compile_step()
-    return one
+    given = ObserverSettings(process_noise=RANDOM_WALKS, memory=1.0, effects=dict(EFFECTS))
+    return Observer(TRUTH.device(stiffness=1.005), given, TRUTH.controller())
 
 
 @pytest.mark.slow
 def test_samples_are_their_block(record: Record, special: Observer) -> None:
     """Sample by sample or in blocks: to the last bit the same."""
-    other = observer(given_for("forces that depend on the velocity"))
-    other.compile_step()
+    other = copy.deepcopy(special)
     special.run(record.sense, record.drive, every=600)
     for m in range(600):
         other.run(record.sense[m : m + 1], record.drive[m : m + 1])
     assert np.array_equal(special.x, other.x)
     assert np.array_equal(special.covariances, other.covariances)
-
-
-@pytest.mark.slow
-def test_a_tick_is_that_of_the_general_kernels(special: Observer) -> None:
-    answers = [special.tick(100.0 * m, -50.0 * m, 3.0, -2.0) for m in range(20)]
-    other = observer(given_for("forces that depend on the velocity"))
-    assert [other.tick(100.0 * m, -50.0 * m, 3.0, -2.0) for m in range(20)] == answers
-    assert np.allclose(special.x, other.x, rtol=1e-8, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -108,57 +49,25 @@ def test_covariances_stay_symmetric_and_positive(record: Record, special: Observ
             assert np.linalg.eigvalsh(covariance / np.outer(deviation, deviation))[0] > 0.0
 
 
-@pytest.mark.slow
-def test_what_goes_through_the_general_kernels(special: Observer) -> None:
-    effects = given_for("forces that depend on the velocity")
-    for settings in (
-        ObserverSettings(effects=effects, variant=Variant.GYRO),
-        ObserverSettings(effects=effects, gain=Gain.EKF),
-        ObserverSettings(effects={"dry_friction": {}}),
-        ObserverSettings(effects={"drive_delay": {}}),
-        ObserverSettings(),
-    ):
-        assert not Observer(TRUTH.device(), settings).may_have_step
-    sense = np.zeros((4, 2))
-    long = np.full(4, 0.6 / special.scaling.omega0)  # beyond what the quadrature is for
-    for given in ({"step": long}, {"truth": np.zeros((4, len(special.x)))}):
-        same = copy.deepcopy(special)
-        assert same.has_step
-        same.run(sense, sense, **given)  # type: ignore[arg-type]
-        general = observer(effects)
-        assert not general.has_step
-        general.run(sense, sense, **given)  # type: ignore[arg-type]
-        assert np.array_equal(general.x, same.x)
-
-
-@pytest.mark.slow
-def test_a_copy_finds_the_step_again(record: Record, special: Observer) -> None:
+def test_a_copy_goes_on_as_the_one_it_was_made_of(record: Record, special: Observer) -> None:
     special.run(record.sense[:10], record.drive[:10])
     other: Observer = pickle.loads(pickle.dumps(special))
-    assert other.has_step
+    for one in (special, other):
+        one.run(record.sense[10:20], record.drive[10:20])
+    assert np.array_equal(special.x, other.x)
 
 
 @pytest.mark.slow
-def test_who_did_not_ask_for_it_has_the_general_kernels(record: Record, special: Observer) -> None:
-    """Though it is in the cache: figures do not depend on what somebody compiled before."""
-    one = observer(dict(special.settings.effects))
-    assert one.may_have_step
-    assert not one.has_step
-    assert np.isfinite(one.run(record.sense, record.drive).angle).all()
-
-
-@pytest.mark.slow
-def test_a_step_beside_scipys_integration_and_filterpys_filter(special: Observer) -> None:
+def test_a_step_beside_scipys_integration_and_filterpys_filter() -> None:
     """One sample from a covariance drawn at random: the equations of motion and their variational ones by SciPy, the
-    filter's arithmetic by filterpy; nothing of the kernels in either.
+    filter's arithmetic by filterpy; nothing of the core in either.
     """
     rng = np.random.default_rng(3)
     one = Observer(
         TRUTH.device(stiffness=1.005),
-        ObserverSettings(memory=1e9, process_noise=ProcessNoise(), effects=special.settings.effects),
+        ObserverSettings(memory=1e9, process_noise=ProcessNoise(), effects=dict(EFFECTS)),
         None,
     )
-    one.compile_step()
     n = len(one.x)
     one.x[:] = [0.7, -0.4, 0.5, 0.6, 0.01, -0.02, 0.003, 1.004, 0.998, 0.001, 2e-3, 1e-3, 1e-4, 0.04, 0.03, 0.02, 0.01]
     root = 1e-6 * rng.standard_normal((n, n))
@@ -166,7 +75,6 @@ def test_a_step_beside_scipys_integration_and_filterpys_filter(special: Observer
     x, p = one.x.copy(), one.covariances[0]
     u, z = np.array([0.02, -0.03]), np.array([0.69, 0.53])
     found = one.run((z * one.volts)[None], (u * one.scaling.drive)[None])
-    assert one.has_step
 
     filter_ = ExtendedKalmanFilter(dim_x=n, dim_z=2)
     filter_.x, filter_.P, filter_.R, filter_.Q = (
