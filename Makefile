@@ -5,14 +5,13 @@ PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
 DEV    := .venv/.dev
-WARM   := .venv/.warm
-ALL    := .venv/.all-warm
 NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
-NATIVE := device_emulator/native/libdevice.so.1 hil/loop/native/libturn.so.1
-NATIVE_SOURCES := $(wildcard device_emulator/native/*.[ch] hil/loop/native/*.[ch]) firmware/src/hil_spec.c firmware/src/hil_spec.h
+NATIVE := device_emulator/native/libdevice.so.1 hil/loop/native/libturn.so.1 estimator/core/libcore.so.1
+NATIVE_SOURCES := $(wildcard device_emulator/native/*.[ch] hil/loop/native/*.[ch] estimator/core/*.[ch] \
+  estimator/core/*/*.py estimator/model/*.py estimator/effects/*.py) firmware/src/hil_spec.c firmware/src/hil_spec.h
 
 .PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured
 
@@ -29,9 +28,9 @@ help:
 	@echo "make measured real records traced (DATA=folder), into runs/measured.json and docs/results"
 	@echo "make install  the .venv that the others need (they do it themselves)"
 
-install: $(WARM) $(DEV) $(PAGE)
+install: $(NATIVE) $(DEV) $(PAGE)
 
-demo: $(WARM)
+demo: $(NATIVE)
 	$(BIN)/hil demo
 
 # Files side by side, one more than there are processors since some wait, the longest first (tests/conftest.py); beside
@@ -47,7 +46,7 @@ CAN_LOG := .venv/vcan.log
 test test-long quick coverage: export PYTHONPYCACHEPREFIX := $(CURDIR)/.venv/pycache
 test test-long quick coverage: export PYTHONDONTWRITEBYTECODE :=
 
-test: $(ALL) $(DEV) $(PAGE)
+test: $(NATIVE) $(DEV) $(PAGE)
 	$(MAKE) --no-print-directory --jobs 2 test-beside test-on-can
 	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "realtime and not long"
 
@@ -58,17 +57,17 @@ test-beside:
 test-on-can:
 	@$(BIN)/python -m tests.vcan --quiet > $(CAN_LOG) 2>&1; code=$$?; cat $(CAN_LOG); exit $$code
 
-test-long: $(ALL) $(DEV) $(PAGE)
+test-long: $(NATIVE) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest $(BESIDE) -m "long and not realtime"
 	$(BIN)/python -m pytest -n 2 $(BY_FILE) -m "long and realtime"
 
-coverage: $(ALL) $(DEV) $(PAGE)
+coverage: $(NATIVE) $(DEV) $(PAGE)
 	$(BIN)/python -m pytest --cov --cov-report=term
 
-test-vcan: $(ALL) $(DEV)
+test-vcan: $(NATIVE) $(DEV)
 	$(BIN)/python -m tests.vcan --quiet
 
-quick: $(ALL) $(DEV)
+quick: $(NATIVE) $(DEV)
 	$(BIN)/python -m pytest $(BESIDE) -m "not slow and not moderate and not realtime"
 
 check: $(DEV) $(PAGE)
@@ -77,13 +76,13 @@ check: $(DEV) $(PAGE)
 	$(BIN)/node $(NODE)/node_modules/typescript/bin/tsc
 	$(BIN)/lint-imports --no-logo
 
-bench: $(ALL) $(DEV)
+bench: $(NATIVE) $(DEV)
 	$(BIN)/python -m benchmarks --speed
 
-undeclared: $(WARM) $(DEV)
+undeclared: $(NATIVE) $(DEV)
 	$(BIN)/python -m evaluation.undeclared
 
-measured: $(WARM) $(DEV)
+measured: $(NATIVE) $(DEV)
 	$(BIN)/python -m evaluation.measured $(if $(DATA),--data $(DATA))
 
 # By uv, a third of the time; by pip where there is no uv, or where it cannot reach what pip is told of.
@@ -98,7 +97,7 @@ $(STAMP): pyproject.toml
 	  || { echo "make: Python 3.11 or newer is needed, $$($(PYTHON) -V) is too old: make PYTHON=python3.12" >&2; exit 1; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null \
 	  || { echo "make: the package python3-venv is missing: sudo apt install python3-venv" >&2; exit 1; }
-	@echo "setting up .venv (about 1 GB the first time; two minutes with the kernels)"
+	@echo "setting up .venv (about 1 GB the first time)"
 	@$(PYTHON) -m venv .venv
 	@$(PIP) 'uv<1' || true
 	@$(call INTO,--editable .)
@@ -112,16 +111,6 @@ $(NATIVE) &: $(NATIVE_SOURCES) compile_native.py | $(STAMP)
 $(DEV): $(STAMP)
 	@echo "adding what tests and checks need (about 1 GB more)"
 	@$(call INTO,--editable '.[dev]')
-	@touch $@
-
-# What runs the estimator has its kernels compiled first; lint and types need none.
-$(WARM): $(STAMP) $(NATIVE)
-	@$(BIN)/python -m estimator.warm
-	@touch $@
-
-# Those of gain mode and of the stationary gain are left to the first run that needs them; tests do.
-$(ALL): $(WARM)
-	@$(BIN)/python -m estimator.warm --all
 	@touch $@
 
 # What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page

@@ -22,9 +22,9 @@ from benchmarks.compensation import angle_error, traced
 from benchmarks.lockstep import close_loop
 from benchmarks.row import Row, Say
 from device_emulator.scenario import load
+from estimator.core.own import address, is_compiled
 from estimator.custom import Coefficient, Declaration
 from estimator.effects.declaration import Effect
-from estimator.kernel.own import address, is_compiled
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.scaling import Array

@@ -14,10 +14,9 @@ from typing import Any
 from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
 from benchmarks.stream import EXAMPLE, RATES_HZ, scenario_at
-from estimator.foresight import rehearse
 from estimator.observer import Observer
 from hil.bench import Bench
-from hil.declared import board_filter_of, controller_settings_of, device_of, observer_settings_of
+from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.emulation import emulator
 from hil.loop.gain import GainLoop
 from hil.loop.preflight import configure
@@ -87,11 +86,7 @@ def per_row_us(bench: Bench, link: Link) -> dict[str, float]:
     link_end = Endpoint(link)
     identity = client.connect(link_end)
 
-    def make_observer() -> Observer:
-        return Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
-
-    rehearse(make_observer(), board_filter_of(bench))
-    observer = make_observer()
+    observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     registers = configure(link_end, identity, bench)
     clock = Clock()
     endpoint: Any = Timed(link_end)

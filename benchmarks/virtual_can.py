@@ -29,7 +29,6 @@ KEPT = (
     "VIRTUAL_ENV",
     "HIL_PTY_BOARD",
     "OPENBLAS_NUM_THREADS",
-    "NUMBA_CACHE_DIR",
 )
 """Of the environment, what the machine inside is given, beside a path."""
 
@@ -55,18 +54,6 @@ busybox poweroff -f
 """
 
 
-WARM = """\
-from pathlib import Path
-import numpy as np
-from device_emulator.device import Device
-from device_emulator.scenario import load
-device = Device(load(Path("examples/s-slow.scenario.toml")))
-device.row(0, 0)
-device.rows(np.zeros((2, 2), np.int32))
-device.close()
-"""
-
-
 class NotHere(Exception):
     """No virtual CAN interface can be had; the message is the reason."""
 
@@ -78,12 +65,6 @@ def with_vcan(command: list[str], environment: dict[str, str], place: Path, pati
     machine is switched off and SystemExit raised.  Raises NotHere.
     """
     return _natively(command, environment) if has_can() else _inside(command, environment, place, patience_s)
-
-
-def warm() -> None:
-    """Compile here what takes ten times as long inside."""
-    subprocess.run([sys.executable, "-m", "estimator.warm", "--all"], cwd=TREE, check=True)
-    subprocess.run([sys.executable, "-c", WARM], cwd=TREE, check=True)
 
 
 def has_can() -> bool:
@@ -116,7 +97,6 @@ def _inside(command: list[str], environment: dict[str, str], place: Path, patien
     missing = [tool for tool in ("linux.uml", "insmod", "ip", "busybox", "candump") if find(tool) is None]
     if missing:
         raise NotHere(f"this kernel has no CAN, and there is no {', '.join(missing)}: sudo apt install {PACKAGES}")
-    warm()
     settings = {name: environment[name] for name in KEPT if name in environment}
     settings["PATH"] = f"{Path(sys.executable).parent}:/usr/sbin:/usr/bin:/sbin:/bin"
     init, code = place / "init", place / "code"

@@ -467,7 +467,7 @@ class Observer:
 
     @property
     def newest(self) -> np.void:
-        """The row that every tick fills (`estimator.kernel.layout.OUTPUT`), scaled; lent, the same one each time."""
+        """The row that every tick fills (`estimator.core.layout.OUTPUT`), scaled; lent, the same one each time."""
         row: np.void = self._rows[0]
         return row
 

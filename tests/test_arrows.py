@@ -93,9 +93,9 @@ def test_nobody_reaches_into_an_observer() -> None:
 
 
 @pytest.mark.moderate
-def test_only_who_calls_a_kernel_takes_the_arrays_of_an_observer() -> None:
+def test_only_who_calls_the_core_takes_the_arrays_of_an_observer() -> None:
     for room in ("estimator", "hil"):
         for path in (ROOT / room).rglob("*.py"):
             text = path.read_text(encoding="utf-8")
             if "observer.arrays" in text or "loop.arrays" in text:
-                assert "from estimator.kernel" in text, path
+                assert "from estimator.core" in text, path

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from estimator.core.generate.header import generated
 from estimator.effects import catalogue, damping, stiffness
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.page import page
 from estimator.effects.search import Kin, Search, Sign
-from estimator.kernel.generate.model import generate
 from estimator.model.catalogue import MODELS
 from estimator.model.gyro import vx, vy
 from estimator.residual.suspects import suspects
@@ -78,15 +78,17 @@ def test_an_effect_that_is_declared_is_suspected_watched_akin_described_and_comp
 
 @pytest.mark.moderate
 def test_its_code_is_generated_from_the_declaration() -> None:
-    without, with_it = (generate(MODELS[:1], effects) for effects in (EFFECTS[:1], (EFFECTS[0], RATCHET)))
+    without, with_it = (
+        generated(MODELS[:1], effects, range(len(effects))) for effects in (EFFECTS[:1], (EFFECTS[0], RATCHET))
+    )
     assert len(with_it) > len(without)
 
 
 STRUCTURE = {
     # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
     "estimator/trace/symmetries.py", "estimator/trace/free_run.py", "estimator/trace/tracing.py",
-    "estimator/uncertainty.py", "estimator/compiling.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
-    "hil/bench/toml.py", "hil/interchange/channels.py", "estimator/observer.py", "estimator/kernel/layout.py",
+    "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
+    "hil/bench/toml.py", "hil/interchange/channels.py", "estimator/observer.py", "estimator/core/layout.py",
     "estimator/rate_sensor/surroundings.py",
 }  # fmt: skip
 

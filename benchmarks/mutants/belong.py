@@ -160,85 +160,6 @@ _WIRE = {
 }
 
 
-_ORACLES = "blocks::test_estimates_are_the_oracles blocks::test_forgetting_in_haste_and_recalling_are_the_oracles"
-_FOLLOWED = (
-    "scan_pieces::test_equations_and_angle_move_as_if_the_effect_were_carried"
-    " scan_pieces::test_both_kernels_follow_alike_through_uneven_steps_and_warmth"
-)
-_LINE = "observer::test_a_line_is_compensated_in_the_middle_of_the_interval_its_force_acts_on"
-_KERNEL = {
-    "angle": "control_pieces",
-    "angle_error": "control_pieces filter_pieces blocks::test_estimates_are_the_oracles",
-    "block": " ".join(
-        f"blocks::{name}"
-        for name in (
-            "test_a_late_path_finds_the_drives_of_the_intervals_before",
-            "test_every_few_samples_the_state_as_it_is_then",
-            "test_a_block_ends_with_its_last_sample_and_not_with_the_last_state_that_is_kept",
-            "test_what_is_not_estimated_has_no_deviation_and_stays",
-            "test_a_tick_is_a_block_of_one_sample",
-            "test_a_tick_answers_with_the_command_for_its_sample",
-            "test_a_drive_is_turned_by_the_virtual_rotation_while_it_acts",
-            "test_warmth_reaches_the_effects_that_move_with_it",
-            "test_from_its_reference_on_an_angle_is_counted_from_a_value_that_is_exact",
-        )
-    )
-    + " observer::test_queue_tells_what_the_board_will_have_applied",
-    "controller": f"control_pieces filter_pieces {_LINE}",
-    "experiment": "scan_pieces::test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for",
-    "flow": "flow_pieces blocks::test_warmth_reaches_the_effects_that_move_with_it"
-    " hysteresis::test_a_way_slides_it_as_its_equation_says_and_back"
-    " hysteresis::test_against_the_motion_a_slip_moves_as_the_mass_does"
-    " hysteresis::test_along_the_motion_a_slip_is_that_of_its_equation"
-    " play::test_the_force_along_a_cycle_encloses_the_closed_form_and_that_of_the_foot_alone_would_drive"
-    " model::test_flow_is_that_of_an_integrator"
-    " effects::test_jacobian_of_friction_is_that_of_an_integrator"
-    " effects::test_a_late_drive_is_the_recorded_one_moved effects::test_a_late_sense_path_shows_what_was"
-    " effects::test_a_late_sense_path_shows_what_a_spring_did_on_the_way"
-    " effects::test_a_large_effect_is_followed_beyond_what_its_coefficient_is_known_to",
-    "foresight": "foresight",
-    "gain_matrix": "gain_matrix::test_the_loop_has_the_frequencies_that_were_asked_for"
-    " gain_matrix::test_holds_are_in_it_and_no_faster_than_the_host gain_matrix::test_offsets_cause_no_force",
-    "generated.step": f"{_ORACLES} observer::test_codes_are_volts_of_their_own_channel"
-    " blocks::test_a_tick_is_a_block_of_one_sample"
-    " scan_pieces::test_both_kernels_follow_alike_with_a_course_in_two_blocks",
-    "gram": "filter_pieces",
-    "observer": f"filter_pieces {_ORACLES} blocks::test_one_axis_is_the_oracles"
-    " effects::test_measurement_and_its_jacobian effects::test_a_late_sense_path_shows_what_was",
-    "pattern": "control_pieces filter_pieces",
-    "scan": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less"
-    " scan_pieces::test_the_course_is_kept_at_equal_distances"
-    " scan_pieces::test_an_impulse_leaves_at_the_end_what_the_matrix_exponential_says"
-    " scan_pieces::test_rows_and_pulls_are_products"
-    " scan_pieces::test_what_followed_forces_push_is_their_integral_along_the_motion"
-    " scan_pieces::test_what_followed_effects_show_is_taken_off_with_its_sign"
-    " scan_pieces::test_a_turn_is_the_gradient_along_what_is_followed"
-    " scan_pieces::test_a_pattern_that_is_none_has_no_gradient"
-    " scan_pieces::test_recalling_pulls_along_what_is_followed",
-    "scan_plain": f"{_FOLLOWED} scan_pieces::test_samples_around_a_jump_count_less",
-    "sensing": "sensing::test_a_channel_shows_the_equation_at_any_one_state"
-    " sensing::test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_differences",
-    "signals": "signal_pieces control_pieces "
-    + " ".join(
-        f"effects::test_{name}"
-        for name in (
-            "a_drive_behind_a_lag_is_that_of_an_integrator",
-            "a_low_pass_is_the_filter_behind_the_mass",
-            "a_drive_integrated_with_a_leak_is_that_of_an_integrator",
-            "a_resonator_follows_its_equation",
-            "friction_is_followed_through_turning_points",
-        )
-    ),
-    "simulation": "signal_pieces::test_a_free_run_keeps_the_time_of_forces_and_of_what_is_sensed"
-    " simulation::test_a_driven_single_axis_with_effects_runs_as_an_independent_integrator_says"
-    " simulation::test_derivatives_are_those_of_differences"
-    " simulation::test_a_channel_of_velocity_or_acceleration_shows_that",
-    "stationary": "control_pieces::test_the_ideal_orbit_is_held_by_the_holding_force"
-    " control_pieces::test_gains_are_gathered_at_the_nearest_angle_and_phase"
-    " blocks::test_a_gain_of_the_table_is_that_of_a_filter_held_on_the_orbit",
-}
-
-
 def _of_estimator(tests: str) -> list[str]:
     files = [name.partition("::") for name in tests.split()]
     return [f"tests/estimator/test_{name}.py{mark}{test}" for name, mark, test in files]
@@ -275,7 +196,6 @@ TESTS: dict[str, list[str]] = {
     "estimator.completeness.turning": _CLOSING,
     "estimator.gaps": ["tests/estimator/test_gaps.py"],
     **{f"estimator.{module}": _of_estimator(tests) for module, tests in _SHARED.items()},
-    **{f"estimator.kernel.{module}": _of_estimator(tests) for module, tests in _KERNEL.items()},
     **{f"estimator.trace.{module}": _of_estimator(tests) for module, tests in _TRACE.items()},
     **{f"estimator.residual.{module}": _of_estimator(tests) for module, tests in _RESIDUAL.items()},
     **{

@@ -1,7 +1,7 @@
 """Small changes to a module's source, each a way to be wrong: a comparison turned, a sign, a bound, a promise left out.
 
 Messages, types (annotations, and what stands in a `Literal`) and assertions (an assert, and `strict` of a zip, which
-asserts equal lengths) stay as they are, and so do functions that Numba compiles where they are taken from its cache.
+asserts equal lengths) stay as they are.
 """
 
 import ast
@@ -36,7 +36,6 @@ _SWAPPED: dict[type, type] = {
 }
 _OTHER_NAME = {"min": "max", "max": "min", "any": "all", "all": "any", "minimum": "maximum", "maximum": "minimum"}
 _NEUTRAL = {"str": '""', "bool": "False", "int": "0", "float": "0.0", "bytes": 'b""', "list": "[]", "dict": "{}"}
-_COMPILED = ("njit", "compiled", "inlined")
 
 
 @dataclass(frozen=True)
@@ -59,14 +58,14 @@ class Mutant:
         return f"{_short(self.before)}  →  {_short(self.after)}"
 
 
-def mutants(source: str, *, compiled: bool = False) -> list[Mutant]:
-    """Every change that can be made to a module, in the order of its lines; `compiled` functions as well, or not."""
+def mutants(source: str) -> list[Mutant]:
+    """Every change that can be made to a module, in the order of its lines."""
     tree = ast.parse(source)
     made = []
     for place, statement in enumerate(tree.body):
-        for number in range(len(list(_edits(_alone(statement), compiled)))):
+        for number in range(len(list(_edits(_alone(statement))))):
             changed = _alone(copy.deepcopy(statement))
-            shown, edit = list(_edits(changed, compiled))[number]
+            shown, edit = list(_edits(changed))[number]
             before = ast.unparse(shown)
             edit()
             after = ast.unparse(shown)
@@ -85,9 +84,9 @@ def _written(tree: ast.Module, place: int, changed: ast.stmt) -> str:
     return ast.unparse(ast.fix_missing_locations(ast.Module(body, [])))
 
 
-def _edits(tree: ast.Module, compiled: bool) -> Iterator[tuple[ast.stmt | ast.expr, Callable[[], None]]]:
+def _edits(tree: ast.Module) -> Iterator[tuple[ast.stmt | ast.expr, Callable[[], None]]]:
     """What is shown of each change, and what makes it in the tree."""
-    for node in _open_to_change(tree, compiled):
+    for node in _open_to_change(tree):
         match node:
             case ast.Compare(ops=[op]):
                 for table in (_TURNED, _BOUND):
@@ -125,10 +124,6 @@ def _edits(tree: ast.Module, compiled: bool) -> Iterator[tuple[ast.stmt | ast.ex
                 yield node, lambda node=node: setattr(node, "value", ast.Constant(...))
 
 
-def _is_compiled(function: ast.FunctionDef) -> bool:
-    return any(name in ast.unparse(mark) for mark in function.decorator_list for name in _COMPILED)
-
-
 def _does_nothing(first: ast.stmt, early: ast.stmt) -> bool:
     """Whether it is the `...` of a protocol, which nothing runs, or returns at once what `early` does."""
     return ast.unparse(first) in ("...", "pass", "return", ast.unparse(early))
@@ -154,7 +149,7 @@ def _is_words(node: ast.stmt) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 
-def _open_to_change(node: ast.AST, compiled: bool) -> Iterator[ast.AST]:
+def _open_to_change(node: ast.AST) -> Iterator[ast.AST]:
     """All nodes below that a change may be made to."""
     yield node
     for name, value in ast.iter_fields(node):
@@ -167,12 +162,10 @@ def _open_to_change(node: ast.AST, compiled: bool) -> Iterator[ast.AST]:
                 continue
             if isinstance(item, ast.Subscript) and ast.unparse(item.value) == "Literal":
                 continue
-            if not compiled and isinstance(item, ast.FunctionDef) and _is_compiled(item):
-                continue
             if isinstance(item, ast.If) and ast.unparse(item.test) == "TYPE_CHECKING":
                 continue
             if isinstance(item, ast.AST):
-                yield from _open_to_change(item, compiled)
+                yield from _open_to_change(item)
 
 
 def _short(words: str) -> str:

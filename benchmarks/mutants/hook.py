@@ -1,18 +1,15 @@
 """Puts another source in the place of one module's when it is imported. It stands alone: processes load it by its path.
 
-GYROHIL_MUTANT is the module's name, GYROHIL_MUTANT_SOURCE the file that holds what it is to be, and for a module of a
-kernel GYROHIL_MUTANT_INTERPRETED the place of `benchmarks.mutants.interpreted`.
+GYROHIL_MUTANT is the module's name, GYROHIL_MUTANT_SOURCE the file that holds what it is to be.
 """
 
 import importlib.abc
 import importlib.machinery
-import importlib.util
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import Any
 
 
 class _Changed(importlib.machinery.SourceFileLoader):
@@ -39,20 +36,3 @@ class _Finder(importlib.abc.MetaPathFinder):
 def install() -> None:
     """From now on, in this process."""
     sys.meta_path.insert(0, _Finder())
-    by_location = importlib.util.spec_from_file_location
-
-    def changed(name: str, location: Any = None, **given: Any) -> importlib.machinery.ModuleSpec | None:
-        """Of a module that is loaded from its file, as generated ones are."""
-        spec = by_location(name, location, **given)
-        if spec is not None and spec.origin is not None and name == os.environ.get("GYROHIL_MUTANT"):
-            spec.loader = _Changed(name, spec.origin)
-        return spec
-
-    importlib.util.spec_from_file_location = changed
-    if place := os.environ.get("GYROHIL_MUTANT_INTERPRETED"):
-        spec = importlib.util.spec_from_file_location("mutant_interpreted", place)
-        assert spec is not None
-        assert spec.loader is not None
-        module = importlib.util.module_from_spec(spec)
-        spec.loader.exec_module(module)
-        module.install()

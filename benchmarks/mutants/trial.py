@@ -18,14 +18,11 @@ _PROJECT = ("hil", "estimator", "device_emulator", "tests", "examples")
 _LIBRARIES = (
     *("pytest", "_pytest.assertion.rewrite", "numpy", "scipy.special", "scipy.linalg", "scipy.signal"),
     *("sympy", "sympy.printing.pycode", "scipy.optimize", "scipy.integrate", "scipy.stats", "mpmath"),
-    *("numba", "pyarrow.ipc", "pydantic", "typer", "rich", "can", "serial", "msgpack", "cobs.cobs", "crc32c"),
+    *("pyarrow.ipc", "pydantic", "typer", "rich", "can", "serial", "msgpack", "cobs.cobs", "crc32c"),
 )
 _UNUSED = ("cacheprovider", "schemathesis", "xdist", "xdist.looponfail", "pytest_cov", "anyio")  # plugins of pytest
 _LONGER, _AT_LEAST_S = 4.0, 60.0  # than the tests without a change, on a machine that does other things, too
 _HERE = Path(__file__).parent
-_KERNEL = "estimator.kernel."  # compiled: a change there is tried without
-GENERATED = ("estimator.kernel.generated.model", "estimator.kernel.generated.step")
-"""What `estimator.kernel.generate` writes: the models and effects, and the step of 13 states."""
 _WITH_PARENT, _SUBREAPER = 1, 36  # PR_SET_PDEATHSIG and PR_SET_CHILD_SUBREAPER, linux/prctl.h
 
 
@@ -42,16 +39,14 @@ class Trials:
         self._module, place = _found(module)
         left_out = "realtime" if any("::" in one for one in tests) else "slow or realtime"  # what is named is meant
         self._tests = tests if slow else ["-m", f"not ({left_out})", *tests]
-        self._interpreted = module.startswith(_KERNEL)
-        self._all = mutants(place.read_text(encoding="utf-8"), compiled=self._interpreted)
+        self._all = mutants(place.read_text(encoding="utf-8"))
         self.path = Path(os.path.relpath(place))
         self.possible = len(self._all)
         self.seconds = 0.0
         ctypes.CDLL(None).prctl(_SUBREAPER, 1, 0, 0, 0)  # what a killed trial leaves behind comes to this process
         for library in _LIBRARIES:
             importlib.import_module(library)
-        if not self._interpreted:
-            self._passes(place, 600.0)  # Python's own caches are filled in the first
+        self._passes(place, 600.0)  # Python's own caches are filled in the first
         begin = time.monotonic()
         if not self._passes(place, 600.0, show=True):
             raise SystemExit(f"the tests of {module} fail as it stands: {' '.join(tests)}")
@@ -106,8 +101,6 @@ class Trials:
                 "GYROHIL_MUTANT_HOOK": str(_HERE / "hook.py"),
                 "PYTHONPATH": f"{_HERE / 'site'}:{os.environ.get('PYTHONPATH', '')}",
             }
-            if self._interpreted:
-                os.environ["GYROHIL_MUTANT_INTERPRETED"] = str(_HERE / "interpreted.py")
             for name in list(sys.modules):
                 if name.partition(".")[0] in _PROJECT:
                     del sys.modules[name]
@@ -128,13 +121,6 @@ class Trials:
 
 def _found(module: str) -> tuple[str, Path]:
     """The name by which a module is imported, and its file. Raises SystemExit for one that is not there."""
-    if module in GENERATED:
-        from estimator.kernel.compiled import generated
-        from estimator.kernel.steps import base_step
-
-        made = {GENERATED[0]: generated, GENERATED[1]: base_step}[module]().__file__
-        assert made is not None
-        return Path(made).stem, Path(made)
     spec = importlib.util.find_spec(module)
     if spec is None or spec.origin is None:
         raise SystemExit(f"no module {module}")

@@ -38,7 +38,7 @@ def record() -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class Case:
-    """An observer with fading memory; against_slow: beside filterpy and NumPy as well as beside the step in C."""
+    """An observer with fading memory; against_slow: beside filterpy and NumPy."""
 
     name: str
     variant: Variant
@@ -59,10 +59,8 @@ class Case:
         )
 
     def observer(self) -> Observer:
-        """A new one, with the step of its effects."""
-        made = Observer(DEVICE, self.settings, CONTROL)
-        made.compile_step()
-        return made
+        """A new one."""
+        return Observer(DEVICE, self.settings, CONTROL)
 
     def runner(self, block: int) -> Callable[[int], float]:
         """Seconds that so many samples take in blocks of `block`, one observer going on over the record."""

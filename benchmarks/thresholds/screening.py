@@ -78,7 +78,7 @@ class _Child:
     """A process that answers line by line."""
 
     def __init__(self, folder: Path) -> None:
-        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS", WORKERS), "1")
+        threads = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", WORKERS), "1")
         self._process = subprocess.Popen(
             [sys.executable, "-m", "benchmarks.thresholds.child", str(folder)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env={**os.environ, **threads},

@@ -22,14 +22,15 @@ class Plan(NamedTuple):
 
 
 def experiment_block(observer: Observing, truth: Floats, plan: Plan, sensed: Floats, drive: Floats) -> None:
-    """n samples of the loop: truth (states + constants,) moves under the drive the observer asks for, which is left at
-    the last target.
+    """n samples of the loop: a truth that begins as (states + constants,) moves under the drive that the observer asks
+    for, which is left at the last target.
 
     sensed and drive (n, 2) receive the record, drive[m] acting over the interval that ends at m.
     """
     LIBRARY.gyro_experiment_block(
         ctypes.c_void_p(observer.core),
         _EXPERIMENT(
-            n=len(sensed), settings=observer.arrays.settings, **plan._asdict(), truth=truth, sensed=sensed, drive=drive
+            n=len(sensed), settings=observer.arrays.settings, **plan._asdict(), truth=truth.copy(), sensed=sensed,
+            drive=drive,
         ),
     )  # fmt: skip

@@ -6,7 +6,7 @@ declaration: equation, units, plausible sizes, what it looks like, what undoes i
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from enum import Enum
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import sympy as sp
 
 OWN = -1
-"""In place of the number of an effect that is not of the catalogue: `estimator.kernel.own` has its code."""
+"""In place of the number of an effect that is not of the catalogue: `estimator.core.own` has its code."""
 
 
 class Undone(Enum):
@@ -262,16 +262,6 @@ def si_unit(length: int, time: int, kelvin: int = 0, volt: int = 0) -> str:
     above = "·".join(name + _superscript(power) for name, power in powers if power > 0)
     below = "·".join(name + _superscript(-power) for name, power in powers if power < 0)
     return (above or "1") + (f"/({below})" if "·" in below else f"/{below}" if below else "")
-
-
-def can_be_specialised(effects: Sequence[Effect]) -> bool:
-    """Whether two axes with these effects have a step of their own (`estimator.kernel.generate.step`): no path that is
-    late, no force that turns over with the direction of motion or depends on the way.
-    """
-    late = any(effect.delayed is not None for effect in effects)
-    kinks = (Source.DIRECTION, *OF_THE_WAY)
-    kinked = any(signal.source in kinks for effect in effects for signal in effect.signals)
-    return not late and not kinked
 
 
 def __getattr__(name: str) -> Any:

@@ -35,9 +35,8 @@ def test_every_finding_is_a_line_and_what_is_missing_has_a_remedy(monkeypatch: p
     monkeypatch.setattr(resource, "getrlimit", lambda _: (8 << 20, 8 << 20))
     monkeypatch.setattr(machine, "AWAKE", Path(os.devnull))
     monkeypatch.setattr("hil.wire.framing.COBS_IN_C", False)
-    monkeypatch.setattr("estimator.kernel.compiled.is_warm", lambda: False)
     found = list(machine.examine())
-    assert len(found) == 7
+    assert len(found) == 6
     for finding in found:
         assert finding.state == "missing"
         assert finding.remedy
@@ -52,8 +51,7 @@ def test_a_fit_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "getloadavg", lambda: (0.2, 0.2, 0.2))
     monkeypatch.setattr("hil.wire.framing.COBS_IN_C", True)
     monkeypatch.setattr("hil.loop.line_workers.line_workers", lambda: [os.getpid()])
-    monkeypatch.setattr("estimator.kernel.compiled.is_warm", lambda: True)
-    assert [finding.state for finding in machine.examine()] == ["good"] * 7
+    assert [finding.state for finding in machine.examine()] == ["good"] * 6
 
 
 def test_what_a_board_in_qemu_needs(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,8 +132,6 @@ def test_the_rate_that_can_be_held() -> None:
     assert capacity(PROBED, baud=921_600).gain_Hz == pytest.approx(92160 / 8 / 1.08)
     later = PROBED | {"identity": PROBED["identity"] | {"latency_ticks": 3}}
     assert capacity(later).force_Hz == pytest.approx(3e6 / 100)
-    cold = capacity(PROBED | {"tick_us": None, "block_us_per_row": None})
-    assert (cold.force_Hz, cold.gain_Hz) == (None, None)
 
 
 def test_a_board_that_is_too_fast_is_told_what_to_do() -> None:

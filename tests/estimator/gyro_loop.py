@@ -4,44 +4,45 @@ The plant is equation (2) with Ω² and Ω̇ terms by Runge–Kutta at 16 sub-st
 samples a cycle); it shares nothing with the estimator's flow.
 """
 
+import ctypes
+import hashlib
 import math
+import tempfile
 from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from typing import Any
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.core.compiler import WARNINGS, compile_library
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 
 Array = NDArray[np.float64]
-SUBSTEPS = 16
 
 
-@numba.njit(cache=True)
-def acceleration(s, p, ux, uy, rate, slope, out):
-    out[0] = s[1]
-    out[1] = ux - p[3] * s[1] - p[5] * s[3] - p[0] * s[0] - p[2] * s[2]
-    out[1] += 2 * rate * s[3] + rate * rate * s[0] + slope * s[2]
-    out[2] = s[3]
-    out[3] = uy - p[5] * s[1] - p[4] * s[3] - p[2] * s[0] - p[1] * s[2]
-    out[3] += -2 * rate * s[1] + rate * rate * s[2] - slope * s[0]
+@cache
+def _plant() -> Any:
+    """The plant in C, compiled when the first test asks for it and kept by its content."""
+    source = Path(__file__).with_name("gyro_plant.c")
+    digest = hashlib.sha256(source.read_bytes()).hexdigest()[:16]
+    library = Path(tempfile.gettempdir()) / f"gyrohil-plant-{digest}.so"
+    if not library.exists():
+        compile_library([source], library, WARNINGS)
+    swing = ctypes.CDLL(str(library)).swing
+    swing.argtypes = (*(ctypes.c_void_p,) * 3, *(ctypes.c_double,) * 3)
+    swing.restype = None
+    return swing
 
 
-@numba.njit(cache=True)
-def swing(s, p, ux, uy, rate_from, rate_to, h):
+def swing(s: Array, p: Array, ux: float, uy: float, rate_from: float, rate_to: float, h: float) -> None:
     """Move s (4,) over one sample; p = (kxx, kyy, kxy, dxx, dyy, dxy), force held, rate linear in time."""
-    dt = h / SUBSTEPS
-    slope = (rate_to - rate_from) / h
-    k1, k2, k3, k4 = np.zeros(4), np.zeros(4), np.zeros(4), np.zeros(4)
-    for n in range(SUBSTEPS):
-        rate = rate_from + slope * n * dt
-        acceleration(s, p, ux, uy, rate, slope, k1)
-        acceleration(s + 0.5 * dt * k1, p, ux, uy, rate + 0.5 * slope * dt, slope, k2)
-        acceleration(s + 0.5 * dt * k2, p, ux, uy, rate + 0.5 * slope * dt, slope, k3)
-        acceleration(s + dt * k3, p, ux, uy, rate + slope * dt, slope, k4)
-        for i in range(4):
-            s[i] += dt / 6 * (k1[i] + 2 * k2[i] + 2 * k3[i] + k4[i])
+    assert s.flags.c_contiguous
+    p = np.ascontiguousarray(p, dtype=float)
+    u = np.array([ux, uy], dtype=float)
+    _plant()(s.ctypes.data, p.ctypes.data, u.ctypes.data, rate_from, rate_to, h)
 
 
 def free_motion(rate: float, kxx: float, kyy: float, kxy: float, dxx: float, dyy: float, dxy: float) -> Array:

@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 
 from estimator.effects.catalogue import EFFECTS, effect_for
-from estimator.kernel.pattern import pattern
-from estimator.kernel.scan import pattern_gradient
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Gain, ObserverSettings
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.scan import COURSE, PARTS, scan
+from tests.estimator.core_pieces import pattern, piece
 from tests.estimator.test_scan import DEVICE, HIDDEN, OMEGA0, PARAMETERS, SETTINGS, WITHOUT_CHANNEL, K, record
 
 CONTROLLER = ControllerSettings(
@@ -67,31 +66,12 @@ def test_the_angle_moves_as_the_scan_says(name: str, settings: ObserverSettings)
         assert off < 0.05 * np.sqrt(np.mean(moved**2)) + LEAST, coefficient.name
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
-def test_both_kernels_say_the_same(settings: ObserverSettings) -> None:
-    watched = {name: PARAMETERS.get(name, {}) for name in NAMES}
-    problem = Problem(record(), DEVICE, settings, CONTROLLER)
-    general, quick = (scan(problem, watched, vector=vector) for vector in (False, True))
-    normal, other = general.normal.sum(axis=0), quick.normal.sum(axis=0)
-    shown = np.diagonal(normal) > 0.0
-    assert list(shown) == list(np.diagonal(other) > 0.0)
-    # What a low-pass held at the start is gone at once where none is carried yet.
-    assert np.count_nonzero(~shown) == 2
-    normal, other = normal[np.ix_(shown, shown)], other[np.ix_(shown, shown)]
-    size = np.sqrt(np.diagonal(normal))
-    assert np.max(np.abs(other - normal) / np.outer(size, size)) < 1e-3
-    assert np.max(np.abs(quick.score.sum(axis=0) - general.score.sum(axis=0))[shown] / size) < 0.05
-    scale = general.plausible
-    assert np.max(np.abs(quick.course - general.course) * scale) < 1e-3 * np.max(np.abs(general.course) * scale)
-
-
 def test_the_gradient_of_the_pattern_is_that_of_its_angle() -> None:
     random = np.random.default_rng(5)
     for _ in range(20):
         s, virtual, rate = random.standard_normal(4), 0.02, 0.01 * random.standard_normal()
         got = np.zeros(5)
-        pattern_gradient(s, 1.1, rate + virtual, rate, got)
+        piece("s_gradient", s, 1.1, rate + virtual, rate, got, source="scan_pieces.c")
         for i in range(5):
             ends = []
             for side in (-1e-6, 1e-6):

@@ -84,12 +84,9 @@ def test_single_axis_has_no_angle() -> None:
 
 
 @pytest.mark.moderate
-@pytest.mark.parametrize("own_step", [True, False])
-def test_queue_tells_what_the_board_will_have_applied(own_step: bool) -> None:
+def test_queue_tells_what_the_board_will_have_applied() -> None:
     truth = replace(TRUTH, latency=3)
     observer = observer_of(truth, SETTINGS, dither=0.3)
-    if own_step:
-        observer.compile_step()
     sent = [observer.tick(100.0 * i, -50.0 * i, 0.0, 0.0) for i in range(8)]
     assert len(set(sent)) > 4
     # Computed from sample m it acts from m + 3 on and is echoed with sample m + 4: next comes what sample 4 commanded.
@@ -116,13 +113,10 @@ def test_a_long_gap_keeps_the_constants_and_finds_the_motion_anew(record: Record
 
 
 @pytest.mark.moderate
-@pytest.mark.parametrize("own_step", [True, False])
-def test_codes_are_volts_of_their_own_channel(record: Record, own_step: bool) -> None:
+def test_codes_are_volts_of_their_own_channel(record: Record) -> None:
     """Two channels of unlike gain: the codes of a tick tell what their volts do in a block."""
     device = TRUTH.device(sense_gain=(TRUTH.sense_gain, 0.6 * TRUTH.sense_gain))
     ticked, run = (Observer(device, SETTINGS, TRUTH.controller()) for _ in range(2))
-    if own_step:
-        ticked.compile_step()
     sense, drive = record.sense[:50], record.drive[:50]
     for volts, force in zip(sense / TRUTH.sense_quantum, drive / TRUTH.force_quantum, strict=True):
         ticked.tick(*volts, *force)

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.core.following import Portion, Signatures
+from estimator.core.taylor import taylor_order
 from estimator.gaps import Gaps
-from estimator.kernel.scan import Block, Signatures
-from estimator.kernel.taylor import taylor_order
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
@@ -175,16 +175,16 @@ class Noted:
 
     def __init__(self, size: Array, samples: int) -> None:
         self.size, self.edges = size, edges(samples)
-        self.asked: list[tuple[int, float, bool]] = []
+        self.asked: list[tuple[int, float]] = []
         self.rows: dict[int, list[Array]] = {}
         self.done = 0
 
-    def __call__(self, observer: Observer, block: Block, signatures: Signatures, *, quick: bool) -> None:
+    def __call__(self, observer: Observer, block: Portion, signatures: Signatures) -> None:
         z, rows = block.z, block.rows
         level, equations, instants = signatures.level, signatures.equations, signatures.course
         begin, self.done = self.done, self.done + len(z)
         part = next(k for k, (_, end) in enumerate(self.edges) if begin < end)
-        self.asked.append((len(z), level, quick))
+        self.asked.append((len(z), level))
         rows["nu"], rows["s"] = self.size[part], 1.0
         rows["s"][np.isnan(rows["nu"])] = 1.0
         equations[:] = np.random.default_rng(begin).standard_normal(equations.shape)
@@ -194,7 +194,7 @@ class Noted:
 
 def noted(monkeypatch: pytest.MonkeyPatch, size: Array, samples: int = 3201, **given: Any) -> tuple[Noted, Scan]:
     fake = Noted(size, samples)
-    monkeypatch.setattr(scanning, "_advance", fake)
+    monkeypatch.setattr(scanning, "scan_block", fake)
     gaps = given.pop("gaps", None)
     settings = given.pop("settings", SETTINGS)
     plain = Record(
@@ -220,7 +220,7 @@ def test_a_jump_is_four_times_the_usual_innovation_of_the_part_before(monkeypatc
     size = np.linspace(0.5, 6.0, PARTS)
     size[10] = np.nan  # nothing is seen there: as before
     fake, _ = noted(monkeypatch, size)
-    levels = [level for _, level, _ in fake.asked]
+    levels = [level for _, level in fake.asked]
     expected = [4.0]
     for part in range(PARTS - 1):
         expected.append(expected[-1] if part == 10 else 4.0 * max(1.0, size[part] ** 2 / 0.455))
@@ -234,24 +234,11 @@ def test_samples_without_variance_have_no_deviation(monkeypatch: pytest.MonkeyPa
     np.testing.assert_allclose(np.abs(seen.innovation), volts)
 
 
-@pytest.mark.parametrize("vector", [True, False])
-def test_the_quick_kernel_runs_where_it_is_asked_for(monkeypatch: pytest.MonkeyPatch, *, vector: bool) -> None:
-    fake, seen = noted(monkeypatch, np.ones(PARTS), vector=vector)
-    assert {quick for _, _, quick in fake.asked} == {vector}
-    assert bool(seen.observer.arrays.settings["two_covariances"]) is vector  # of a plain EKF, one does for both
-
-
-def test_a_kernel_that_is_not_plain_is_not_quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scanning, "scans_plainly", lambda *given: False)
-    fake, _ = noted(monkeypatch, np.ones(PARTS))
-    assert {quick for _, _, quick in fake.asked} == {False}
-
-
 @pytest.mark.parametrize("degree", [0, 1, 2])
 def test_a_drive_that_bends_within_a_step_needs_as_many_orders_more(
     monkeypatch: pytest.MonkeyPatch, degree: int
 ) -> None:
-    monkeypatch.setattr(scanning, "_advance", Noted(np.ones(PARTS), 3201))
+    monkeypatch.setattr(scanning, "scan_block", Noted(np.ones(PARTS), 3201))
     steps = np.full(3201, 1.0 / DEVICE.sample_rate)
     bent = Record(np.zeros((3201, 2)), np.zeros((3201, 2, degree + 1)), steps)
     observer = scan(Problem(bent, DEVICE, SETTINGS), WATCHED).observer
@@ -288,7 +275,7 @@ def test_after_a_gap_the_motion_is_unsettled(monkeypatch: pytest.MonkeyPatch) ->
     gaps = Gaps(np.array([7, 2000]), np.stack([np.eye(4), 2.0 * np.eye(4)]))
     fake, seen = noted(monkeypatch, np.ones(PARTS), gaps=gaps)
     assert [spread[0, 0] for spread in spreads] == [1.0, 2.0]
-    assert sum(samples for samples, _, _ in fake.asked) == 3201
+    assert sum(samples for samples, _ in fake.asked) == 3201
     factors = np.abs(seen.course).max(axis=0)  # one was added to each instant, once
     np.testing.assert_allclose(np.abs(seen.course), np.broadcast_to(factors, seen.course.shape))
 

@@ -1,5 +1,5 @@
-"""What a scan follows, over a hundred samples and by both of its kernels: beside two runs that differ by a little; and
-the loop that an experiment is made of, beside SciPy and an observer of its own.
+"""What a scan follows, over a hundred samples and one by one: beside two runs that differ a little; and the loop that
+an experiment is made of, beside SciPy and an observer of its own.
 """
 
 from dataclasses import replace
@@ -10,28 +10,12 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from estimator.kernel.experiment import Plan, experiment_block
-from estimator.kernel.layout import OUTPUT
-from estimator.kernel.observer import workspace
-from estimator.kernel.scan import (
-    Block,
-    Signatures,
-    add_forced,
-    add_turn,
-    following,
-    multiply_rows,
-    pattern_gradient,
-    pull,
-    recall,
-    responses,
-    scan_block,
-    watch_sensed,
-)
-from estimator.kernel.scan_plain import scan_plain_block, scans_plainly
-from estimator.kernel.signals import signal_values
-from estimator.kernel.structures import Constants, Estimate, Sample
+from estimator.core.experiment import Plan, experiment_block
+from estimator.core.following import Portion, Signatures, scan_block
+from estimator.core.layout import OUTPUT
 from estimator.observer import Observer
 from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
+from tests.estimator.core_pieces import piece, workspace
 from tests.estimator.gyro_loop import Array, Truth, free_motion
 from tests.estimator.test_backends import free_record
 from tests.estimator.test_effects import base, values
@@ -65,6 +49,11 @@ def record() -> tuple[Array, Array]:
     return sense, drive
 
 
+def of_scan(name: str, *given: Any) -> None:
+    """Call a function of scan.h."""
+    piece(name, *given, source="scan_pieces.c")
+
+
 def made(settings: ObserverSettings, watched: int = 0, open_loop: bool = False, angular_gain: float = 1.0) -> Observer:
     device = TRUTH.device(angular_gain=angular_gain)
     return Observer(device, replace(settings, open_loop=open_loop), TRUTH.controller(), watched=watched)
@@ -75,7 +64,6 @@ def scanned(
     watched: dict[str, dict[str, float]],
     record: tuple[Array, Array],
     *,
-    quick: bool,
     level: float = 1e12,
     open_loop: bool = False,
     instants: int = N,
@@ -84,17 +72,13 @@ def scanned(
     angular_gain: float = 1.0,
 ) -> tuple[Observer, np.ndarray, Signatures]:
     one = made(replace(settings, effects=watched), len(watched), open_loop, angular_gain)
-    if settings.gain is Gain.EKF and quick:
-        one.carry_both()
     count = len(one.names) - 13
-    a = one.arrays
-    assert quick == bool(scans_plainly(a.settings, a.active, a.x[:13])) or not quick
     z, u, h, warmth = one.scaled(*record, step, warmth)
     rows = np.zeros(N, OUTPUT)
     signatures = Signatures(
         np.zeros((13, count)), level, np.zeros((2 * N, count + 1)), np.zeros(count), np.zeros((instants, count))
     )
-    (scan_plain_block if quick else scan_block)(a, Block(z, u, h, warmth, rows), signatures)
+    scan_block(one, Portion(z, u, h, warmth, rows), signatures)
     return one, rows, signatures
 
 
@@ -108,14 +92,13 @@ def carried(
     return (np.sign(one.volts) * found.innovation / found.innovation_deviation).ravel(), found.angle
 
 
-@pytest.mark.parametrize("quick", [False, True])
 @pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])
 @pytest.mark.parametrize(("watched", "open_loop"), [(FORCES, False), (SENSED, False), (FORCES, True)])
 def test_equations_and_angle_move_as_if_the_effect_were_carried(
-    record: tuple[Array, Array], gain: Gain, watched: dict[str, dict[str, float]], open_loop: bool, quick: bool
+    record: tuple[Array, Array], gain: Gain, watched: dict[str, dict[str, float]], open_loop: bool
 ) -> None:
     settings = replace(SETTINGS, gain=gain)
-    one, rows, found = scanned(settings, watched, record, quick=quick, open_loop=open_loop)
+    one, rows, found = scanned(settings, watched, record, open_loop=open_loop)
     column = 0
     normalised, angle = carried(settings, "", {}, record, open_loop)
     np.testing.assert_allclose(found.equations[:, -1], normalised, rtol=1e-6, atol=1e-8)
@@ -140,16 +123,15 @@ def test_equations_and_angle_move_as_if_the_effect_were_carried(
     np.testing.assert_allclose(found.turned, found.course[-1], rtol=1e-12)
 
 
-@pytest.mark.parametrize("quick", [False, True])
-def test_samples_around_a_jump_count_less(record: tuple[Array, Array], quick: bool) -> None:
+def test_samples_around_a_jump_count_less(record: tuple[Array, Array]) -> None:
     """The last sample's rows are less by the root of what the smoothed NIS is above the level."""
-    one, _, whole = scanned(SETTINGS, FORCES, record, quick=quick)
+    one, _, whole = scanned(SETTINGS, FORCES, record)
     nis = float(one.arrays.memory["nis"][0])
     assert nis > 0.0
-    _, _, less = scanned(SETTINGS, FORCES, record, quick=quick, level=0.4 * nis)
+    _, _, less = scanned(SETTINGS, FORCES, record, level=0.4 * nis)
     last = slice(2 * N - 2, 2 * N)
     np.testing.assert_allclose(less.equations[last], whole.equations[last] * np.sqrt(0.4), rtol=1e-12)
-    _, _, more = scanned(SETTINGS, FORCES, record, quick=quick, level=nis * 1.01)
+    _, _, more = scanned(SETTINGS, FORCES, record, level=nis * 1.01)
     np.testing.assert_array_equal(more.equations[last], whole.equations[last])
     # Lost samples have no rows.
     assert not whole.equations[100:104].any()
@@ -157,30 +139,18 @@ def test_samples_around_a_jump_count_less(record: tuple[Array, Array], quick: bo
     assert not whole.equations[141, :-1].any()
 
 
-@pytest.mark.parametrize("quick", [False, True])
-def test_the_course_is_kept_at_equal_distances(record: tuple[Array, Array], quick: bool) -> None:
-    _, _, every = scanned(SETTINGS, FORCES, record, quick=quick)
-    _, _, some = scanned(SETTINGS, FORCES, record, quick=quick, instants=9)
+def test_the_course_is_kept_at_equal_distances(record: tuple[Array, Array]) -> None:
+    _, _, every = scanned(SETTINGS, FORCES, record)
+    _, _, some = scanned(SETTINGS, FORCES, record, instants=9)
     np.testing.assert_array_equal(some.course, every.course[9::10])
-
-
-def test_both_kernels_follow_alike_with_a_course_in_two_blocks(record: tuple[Array, Array]) -> None:
-    _, rows, general = scanned(SETTINGS, FORCES | SENSED, record, quick=False)
-    _, other, quick = scanned(SETTINGS, FORCES | SENSED, record, quick=True)
-    size = np.linalg.norm(general.equations, axis=0)
-    np.testing.assert_array_less(np.linalg.norm(quick.equations - general.equations, axis=0), 1e-3 * size)
-    np.testing.assert_allclose(other["nu"], rows["nu"], atol=1e-9)
-    seen = np.isfinite(record[0])
-    np.testing.assert_allclose(other["s"][seen], rows["s"][seen], rtol=1e-7)
 
 
 def test_an_impulse_leaves_at_the_end_what_the_matrix_exponential_says() -> None:
     one = made(SETTINGS)
-    a = one.arrays
     rate, kxx, kyy, kxy, dxx, dyy, dxy = one.x[6:13]
     m = free_motion(rate, kxx, kyy, kxy, dxx, dyy, dxy)
-    term, out = np.zeros((4, 12)), np.zeros((4, 12))
-    found = responses(a.settings[0], one.x[4:], one.h, term, out)
+    found = np.zeros((4, 4, 2))
+    of_scan("s_responses", one.arrays.settings, one.x[4:], one.h, workspace(one.arrays.settings, 13, 13).buffer, found)
     nodes = 0.5 + 0.5 * np.polynomial.legendre.leggauss(3)[0]
     for place, at in enumerate([*nodes, 0.0]):
         np.testing.assert_allclose(found[place], expm(m * one.h * (1.0 - at))[:, [1, 3]], atol=1e-13)
@@ -190,10 +160,10 @@ def test_rows_and_pulls_are_products() -> None:
     random = np.random.default_rng(1)
     g, delta, gain = random.standard_normal((6, 4)), random.standard_normal((6, 3)), random.standard_normal(6)
     expected = np.vstack([g.T @ delta, delta[4:]])
-    multiply_rows(g, delta, np.full((4, 3), 7.0))
+    of_scan("s_rows", g, 4, 6, 3, delta, np.full(30, 7.0))
     np.testing.assert_allclose(delta, expected, rtol=1e-12)
     expected = expected - np.outer(gain, expected[2])
-    pull(delta, 2, gain)
+    of_scan("s_pull", 2, gain, 6, 3, delta, np.full(30, 7.0))
     np.testing.assert_allclose(delta, expected, rtol=1e-12)
 
 
@@ -212,7 +182,7 @@ def test_an_experiment_is_the_model_under_the_drive_that_an_observer_asks_for(la
         noise=1e-4 * random.standard_normal((n, 2)),
     )
     sensed, drive = np.zeros((n, 2)), np.zeros((n, 2))
-    experiment_block(one.arrays, truth, plan, sensed, drive)
+    experiment_block(one, truth, plan, sensed, drive)
     k, d = truth[7:10], truth[10:13]
     s, rate = truth[:4].copy(), truth[6]
     commands = [(0.0, 0.0)] * (latency + 1)
@@ -272,13 +242,12 @@ def test_what_followed_forces_push_is_their_integral_along_the_motion() -> None:
     count = len(x) - 13
     u = np.array([[0.4, -0.3, 0.2], [-0.2, 0.6, 0.1]])
     memory["past"][1, :, :2] = [[0.3, 0.1], [-0.5, 0.2]]
-    before, work = np.array([0.8, 0.5, -0.3, 0.7]), workspace(settings, 13, len(x))
+    before, work = np.array([0.8, 0.5, -0.3, 0.7]), workspace(settings, 13, 13)
     start = np.random.default_rng(2).standard_normal((13, count))
-    signatures = Signatures(start.copy(), 1.0, np.zeros((0, count + 1)), np.zeros(count), np.zeros((0, count)))
-    follow = following(signatures, len(x) - 4 - count, -1, len(x) - 4)
-    response = responses(settings, x[4:], h, work.flow.term, work.flow.out)
-    signal_values(settings, memory, memory["time"], work.flow.push.signals)
-    add_forced(settings, memory, before, x, Sample(np.zeros(2), u, h), response, follow, work)
+    delta = start.copy()
+    of_scan(
+        "s_forced", settings, memory, before, x, len(x), count, u, 3, h, work.buffer, np.zeros(20 * len(x)), delta
+    )  # fmt: skip
 
     def drive(t: float) -> Array:
         return u @ (t / h) ** np.arange(3.0)
@@ -301,7 +270,7 @@ def test_what_followed_forces_push_is_their_integral_along_the_motion() -> None:
         expected[:4] += 0.5 * h * weight * expm(free * (h - t))[:, [1, 3]] @ np.transpose(pushed)
     jump = memory["past"][1].sum(axis=1) - u[:, 0]
     expected[:4, -2:] += expm(free * h)[:, [1, 3]] * jump
-    np.testing.assert_allclose(signatures.delta, expected, atol=2e-6)
+    np.testing.assert_allclose(delta, expected, atol=2e-6)
     assert np.all(np.abs(expected - start)[:4].max(axis=0) > 1e-3)
 
 
@@ -312,11 +281,9 @@ def test_what_followed_effects_show_is_taken_off_with_its_sign() -> None:
     settings, memory, x = one.arrays.settings[0], one.arrays.memory[0], one.x
     count = len(x) - 13
     x[:4] = 0.8, 0.5, -0.3, 0.7
-    u, work = np.array([[0.4, -0.3], [-0.2, 0.6]]), workspace(settings, 13, len(x))
-    signatures = Signatures(np.zeros((13, count)), 1.0, np.zeros((0, count + 1)), np.zeros(count), np.zeros((0, count)))
-    follow = following(signatures, len(x) - 4 - count, -1, len(x) - 4)
-    signal_values(settings, memory, memory["time"], work.flow.push.signals)
-    watch_sensed(settings, x, u, follow, work)
+    u, work = np.array([[0.4, -0.3], [-0.2, 0.6]]), workspace(settings, 13, 13)
+    signature = np.zeros((2, count))
+    of_scan("s_sensed", settings, memory, x, len(x), count, u, 2, work.buffer, np.zeros(20 * len(x)), signature)
     shown = [
         one_shown
         for name in names
@@ -324,7 +291,7 @@ def test_what_followed_effects_show_is_taken_off_with_its_sign() -> None:
         for one_shown in at_one(one, name, "sense", x[:4], u.sum(axis=1), 3.7)
     ]
     shown += [np.array([-x[1], 0.0]), np.array([0.0, -x[3]])]  # what was shown a little earlier
-    np.testing.assert_allclose(follow.signature, -np.transpose(shown), rtol=1e-12)
+    np.testing.assert_allclose(signature, -np.transpose(shown), rtol=1e-12)
 
 
 @pytest.mark.parametrize("rate_row", [-1, 6])
@@ -334,20 +301,18 @@ def test_a_turn_is_the_gradient_along_what_is_followed(sign: float, rate_row: in
     one = made(SETTINGS)
     one.retarget(1.2, 1.0)
     delta, begun, s = random.standard_normal((13, 3)), random.standard_normal(3), np.array([0.7, 0.2, -0.4, 0.5])
-    signatures = Signatures(delta, 1.0, np.zeros((0, 4)), begun.copy(), np.zeros((0, 3)))
-    follow = following(signatures, 9, rate_row, 9)
-    gradient = np.zeros(5)
-    pattern_gradient(s, 1.2, 0.05, 0.02, gradient)
-    add_turn(one.arrays.settings[0], s, 0.05, 0.02, sign, follow)
+    turned, gradient = begun.copy(), np.zeros(5)
+    of_scan("s_gradient", s, 1.2, 0.05, 0.02, gradient)
+    of_scan("s_turn", one.arrays.settings, s, 0.05, 0.02, sign, rate_row, 3, delta, turned)
     expected = begun + sign * gradient[:4] @ delta[:4]
     if rate_row >= 0:
         expected += sign * gradient[4] * delta[rate_row]
-    np.testing.assert_allclose(signatures.turned, expected, rtol=1e-12)
+    np.testing.assert_allclose(turned, expected, rtol=1e-12)
 
 
 def test_a_pattern_that_is_none_has_no_gradient() -> None:
     found = np.full(5, 9.0)
-    pattern_gradient(np.zeros(4), 1.2, 0.05, 0.02, found)
+    of_scan("s_gradient", np.zeros(4), 1.2, 0.05, 0.02, found)
     assert not found.any()
 
 
@@ -363,9 +328,9 @@ def test_recalling_pulls_along_what_is_followed() -> None:
     a.p[:] = p
     a.memory["cursor"] = 3
     found = delta.copy()
-    constants = Constants(a.intensity, prior, spread, np.zeros(9))
-    estimate = Estimate(a.x, a.p, a.c, a.memory[0])
-    recall(a.settings[0], a.active, constants, estimate, np.zeros((2, 13)), found)
+    of_scan(
+        "s_recall", a.settings, a.memory, a.active, 9, prior, spread, np.zeros(9), a.x, a.p, 3, np.zeros(60), found
+    )  # fmt: skip
     for index in (3, 0, 5):
         row = 4 + index
         wide = p[row, row]
@@ -378,20 +343,26 @@ def test_recalling_pulls_along_what_is_followed() -> None:
     np.testing.assert_allclose(a.p, p, rtol=1e-9, atol=1e-12)
 
 
-def test_both_kernels_follow_alike_through_uneven_steps_and_warmth(record: tuple[Array, Array]) -> None:
-    """Each of them makes the responses of a step anew where it has another length, and takes each sample's warmth."""
+def test_two_blocks_follow_as_one_through_uneven_steps_and_warmth(record: tuple[Array, Array]) -> None:
+    """The responses of a step are made anew where it has another length, and each sample's warmth is taken."""
     watched: dict[str, dict[str, float]] = {"drive_gain": {}, "temperature_stiffness": {}}
     random = np.random.default_rng(9)
     step, warmth = random.uniform(0.8, 1.2, N) / TRUTH.sample_rate, 20.0 + random.uniform(0.0, 5.0, N)
     settings = replace(SETTINGS, gain=Gain.FADING)
     given: dict[str, Any] = {"step": step, "warmth": warmth, "angular_gain": 0.8}
-    ways = [scanned(settings, watched, record, quick=quick, **given) for quick in (False, True)]
-    (general, rows, one), (plain, others, other) = ways
-    size = np.linalg.norm(one.equations, axis=0)
-    assert np.all(size > 1e-3)
-    np.testing.assert_array_less(np.linalg.norm(other.equations - one.equations, axis=0), 1e-3 * size)
-    np.testing.assert_allclose(other.course, one.course, atol=1e-3 * np.abs(one.course).max())
+    whole, rows, found = scanned(settings, watched, record, **given)
+    again = made(replace(settings, effects=watched), len(watched), angular_gain=0.8)
+    z, u, h, warm = again.scaled(*record, step, warmth)
+    others = np.zeros(N, OUTPUT)
+    other = Signatures(*(np.zeros_like(one) if isinstance(one, np.ndarray) else one for one in found))
+    for part in (slice(0, 41), slice(41, N)):
+        lines, count = slice(2 * part.start, 2 * part.stop), part.stop - part.start
+        course = np.zeros((count, len(found.turned)))
+        signatures = Signatures(other.delta, 1e12, other.equations[lines], other.turned, course)
+        scan_block(again, Portion(z[part], u[part], h[part], warm[part], others[part]), signatures)
+        other.course[part] = course
+    assert np.all(np.linalg.norm(found.equations, axis=0) > 1e-3)
+    for one, same in ((other.equations, found.equations), (other.course, found.course), (again.x, whole.x)):
+        np.testing.assert_array_equal(one, same)
     for name in ("nu", "angle", "angle_pattern", "angle_rate_integral"):
-        np.testing.assert_allclose(others[name], rows[name], rtol=1e-6, atol=1e-9)
-    for name in ("temperature", "time", "virtual_integral", "forced"):
-        assert general.arrays.memory[name][0] == pytest.approx(float(plain.arrays.memory[name][0]), rel=1e-6, abs=1e-9)
+        np.testing.assert_array_equal(others[name], rows[name])

@@ -10,7 +10,7 @@ import pytest
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.effects.catalogue import EFFECTS
 from estimator.errors import ModelError
-from estimator.kernel.layout import MAX_EFFECTS, MAX_SIGNALS
+from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from estimator.kernel.layout import MAX_LATENCY
+from estimator.core.layout import MAX_LATENCY
 from hil.bench import Bench, override
 from hil.bench.plausible import FASTEST_HZ, LARGEST_V
 from hil.declared import board_dither_of, board_filter_of, drive_limit_of

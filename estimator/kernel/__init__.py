@@ -1,1 +1,0 @@
-"""The compiled kernels: flow, observer, controller, angle.  Scaled units throughout (`estimator.scaling`)."""

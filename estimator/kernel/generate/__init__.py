@@ -1,1 +1,0 @@
-"""Sources of compiled modules, written from the declarations of models and effects."""
