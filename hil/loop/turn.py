@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.kernel.layout import OUTPUT
+from estimator.core.layout import OUTPUT
 from estimator.observer import Estimates, Observer
 from hil.loop.echo import Echo
 from hil.loop.native import (
