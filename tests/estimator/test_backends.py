@@ -222,9 +222,7 @@ def test_agreement_sees_a_difference_in_every_quantity() -> None:
 @pytest.mark.parametrize("backend", ORACLES)
 def test_oracles_only_replay(backend: Backend) -> None:
     observer = make_observer(backend, TRUTH.device(), ObserverSettings(), TRUTH.controller())
-    with pytest.raises(
-        ModelError, match=f"backend '{backend}' only replays records; close the loop with backend 'c'"
-    ):
+    with pytest.raises(ModelError, match=f"backend '{backend}' only replays records; close the loop with backend 'c'"):
         observer.tick(0.0, 0.0, 0.0, 0.0)
 
 

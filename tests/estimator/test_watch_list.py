@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.effects.catalogue import EFFECTS
 from estimator.errors import ModelError
-from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device

@@ -33,7 +33,10 @@ def _additions(model: Model, effect: Effect, what: str) -> list[tuple[str, sp.Ex
     flowing = [constants.index(constant.symbol) for constant in model.flow_constants]
     found = []
     for axis, expression in enumerate(getattr(effect, what)[: model.axes]):
-        by_states, by_constants = f"by_states[{axis} * states_row + {{}}]", f"by_constants[{axis} * constants_row + {{}}]"
+        by_states, by_constants = (
+            f"by_states[{axis} * states_row + {{}}]",
+            f"by_constants[{axis} * constants_row + {{}}]",
+        )
         found.append((f"value[{axis}]", expression))
         found += [(by_states.format(j), sp.diff(expression, s)) for j, s in enumerate(states)]
         found += [

@@ -26,9 +26,7 @@ class Field:
             (f"const real m{i}_{j}", self.m[i, j])
             for i in self.rows for j in self.rows if not self.m[i, j].is_number
         ]  # fmt: skip
-        self.driven = {
-            i: e for i in self.rows if (e := sum(n[i, j] * u for j, u in enumerate(self.inputs))) != 0
-        }
+        self.driven = {i: e for i in self.rows if (e := sum(n[i, j] * u for j, u in enumerate(self.inputs))) != 0}
         self.forced = {
             (i, 1 + len(self.states) + j): e
             for j, constant in enumerate(model.flow_constants)
@@ -118,7 +116,8 @@ def taylor(model: Model) -> str:
     for i, e in field.driven.items():
         lines.append(f"    a{i}[0] += scale * ({written(e)});")
     lines += [f"    a{i}[{j}] += scale * f{i}_{j};" for i, j in field.forced]
-    lines += ["    for (whole j = 0; j < columns; j++) {", *(f"        o{i}[j] += a{i}[j];" for i in rows), "    }", "}"]
+    lines += ["    for (whole j = 0; j < columns; j++) {"]
+    lines += [*(f"        o{i}[j] += a{i}[j];" for i in rows), "    }", "}"]
     head = (
         f"static inline void {model.name}_taylor(const real *c, const real *u, whole terms, real h, whole order,\n"
         "    whole columns, real *a, real *out, whole stride)\n{"
@@ -188,7 +187,8 @@ def sense(model: Model) -> str:
     ]  # fmt: skip
     lines = loads(constants | states, free_symbols(e for _, e in pairs)) + assignments(pairs, "w")
     head = (
-        f"static inline void {model.name}_sense(const real *c, const real *s, real *z, real *jacobian, whole stride)\n{{"
+        f"static inline void {model.name}_sense(const real *c, const real *s, real *z, real *jacobian,\n"
+        "    whole stride)\n{"
     )
     return f"{head}\n{_body(lines)}"
 
