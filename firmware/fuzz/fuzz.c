@@ -68,6 +68,7 @@ static void add(void *context, const uint8_t *data, size_t size) {
 static const uint8_t types[] = {
     HIL_TYPE_SAFE,  HIL_TYPE_ARM,           HIL_TYPE_ARM,            HIL_TYPE_DRIVE_FORCE, HIL_TYPE_DRIVE_GAINS,
     HIL_TYPE_HELLO, HIL_TYPE_REGISTER_READ, HIL_TYPE_REGISTER_WRITE, HIL_TYPE_FIELD_READ,  HIL_TYPE_TIME_SYNC,
+    HIL_TYPE_DRIVE_BOARD, HIL_TYPE_ESTIMATE,
 };
 
 /* A tick that is about to come, or has just passed; now and then any. */
@@ -82,8 +83,9 @@ static size_t sensible(uint8_t type, uint8_t *payload) {
     hil_safe safe = {any()};
     hil_drive_force force = {(int32_t)chance(0xFFFFFFFFu), (int32_t)chance(2000) - 1000, soon()};
     hil_drive_gains gains = {any(), {0}, {0}, soon()};
-    hil_register_read read = {(uint16_t)chance(0x30)};
-    hil_register_write write = {(uint16_t)chance(0x30), values[chance(sizeof values / sizeof *values)]};
+    hil_drive_board permit = {(uint8_t)chance(3)};
+    hil_register_read read = {(uint16_t)chance(0x34)};
+    hil_register_write write = {(uint16_t)chance(0x34), values[chance(sizeof values / sizeof *values)]};
     hil_field_read field = {(uint16_t)chance(400)};
     hil_time_sync sync = {state, 0};
     switch (type) {
@@ -102,6 +104,8 @@ static size_t sensible(uint8_t type, uint8_t *payload) {
         if (chance(2))
             gains.bias[0] = gains.bias[1] = 12.5f;
         return hil_pack_drive_gains(&gains, payload);
+    case HIL_TYPE_DRIVE_BOARD:
+        return hil_pack_drive_board(&permit, payload);
     case HIL_TYPE_REGISTER_READ:
         return hil_pack_register_read(&read, payload);
     case HIL_TYPE_REGISTER_WRITE:
@@ -221,6 +225,27 @@ static uint64_t time_ns(void *context) {
     return state;
 }
 
+/* An estimator that asks for any drive and estimates any number. */
+static hil_drive step(void *context, int64_t tick, int32_t vx, int32_t vy, hil_drive held, bool drive) {
+    (void)context;
+    (void)tick;
+    (void)vx;
+    (void)vy;
+    (void)held;
+    (void)drive;
+    hil_drive asked = {(int32_t)chance(0xFFFFFFFFu), (int32_t)chance(0xFFFFFFFFu)};
+    return asked;
+}
+
+static void estimate(void *context, hil_estimate *out) {
+    (void)context;
+    uint8_t *bytes = (uint8_t *)out;
+    for (size_t k = 0; k < sizeof *out; k++)
+        bytes[k] = any();
+}
+
+static const hil_estimator estimator = {NULL, step, estimate, NULL};
+
 static void power_up(bench *b) {
     hil_config config;
     memset(&config, 0, sizeof config);
@@ -232,6 +257,7 @@ static void power_up(bench *b) {
     config.blocks = b->blocks;
     config.blocks_size = sizeof b->blocks;
     config.now_ns = time_ns;
+    config.estimator = chance(2) ? &estimator : NULL;
     b->on_can = chance(2);
     b->room = 1u << 20;
     hil_reader_init(&b->echo, b->echo_body, sizeof b->echo_body);
@@ -240,10 +266,10 @@ static void power_up(bench *b) {
     config.link = b->on_can ? &b->can.link : &b->serial.link;
     if (!hil_board_init(&b->board, &config))
         abort();
-    if (chance(2)) { /* chance alone would seldom bring it into gain mode */
+    if (chance(2)) { /* chance alone would seldom bring it into gain or board mode */
         uint8_t payload[HIL_MAX_HOST_PAYLOAD];
         hil_hello hello = {HIL_PROTOCOL, HIL_SPEC_HASH};
-        hil_register_write gain = {hil_registers[HIL_REGISTER_LOOP_MODE].id, HIL_LOOP_MODE_GAIN};
+        hil_register_write gain = {hil_registers[HIL_REGISTER_LOOP_MODE].id, config.estimator != NULL && chance(2) ? HIL_LOOP_MODE_BOARD : HIL_LOOP_MODE_GAIN};
         hil_frame frame = {HIL_TYPE_HELLO, true, 0, 0, payload, hil_pack_hello(&hello, payload)};
         hil_board_frame(&b->board, &frame);
         frame.type = HIL_TYPE_REGISTER_WRITE;

@@ -17,8 +17,9 @@ from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
 from hil.records.text_seal import is_sealed
 
-STEMS = ("capture", "innovation", "estimates", "covariance", "timing", "clock")
+STEMS = ("capture", "innovation", "estimates", "board_estimates", "covariance", "timing", "clock")
 """Record files of a run, by stem."""
+_KINDS = {"board_estimates": "estimates"}  # what a file holds that is not called so
 _MADE_FROM_THEM = ("result.json", "report.html")
 _UNSEALED = "without a checksum: a changed figure would not show"
 _STEADY = ("capture", "innovation", "estimates")
@@ -117,7 +118,8 @@ def _tolerant(path: Path) -> Checked:
 
 
 def _record(path: Path) -> Checked:
-    scan = scan_blocks(path, path.stem if path.stem in STEMS else None)
+    kind = _KINDS.get(path.stem, path.stem)
+    scan = scan_blocks(path, kind if path.stem in STEMS else None)
     found = Checked(path.name, scan.rows, complete=scan.complete, scan=scan)
     if scan.damage:
         found.problems.append(scan.damage)

@@ -16,6 +16,7 @@ from hil.loop.run import run
 from hil.methods.board import board_course
 from hil.methods.course import Judge, Reference
 from hil.progress import Progress
+from hil.records.check import check
 from hil.records.layout import TICK, Column, Layout
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
@@ -121,6 +122,8 @@ def test_its_table_has_names_and_units(folder: RunFolder) -> None:
     (table,) = tables_of(folder.path, ("board_estimates",))
     assert (table.rows, table.units["sd_x_m"], table.units["angle_rad"]) == (len(board), "m", "rad")
     assert "board_estimates" in [one.name for one in tables_of(folder.path, ())]
+    checked = {one.name: one for one in check(folder.path)}
+    assert checked["board_estimates.arrow"].problems == []
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ from hil.wire.sense import Sense
 from hil.wire.stream import Received, Receiver
 
 COUNTERS = ("bytes", "frames", "cobs_errors", "short", "crc_errors", "oversize", "dropped_bytes")
-FOLLOWED = ("lost", "repeated", "undecodable", "tick")
+FOLLOWED = ("lost", "repeated", "undecodable", "passed_over", "tick")
 
 
 class CReceiver:

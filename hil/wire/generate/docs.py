@@ -262,7 +262,8 @@ drive is zero until a frame permits one. SENSE echoes the drive as applied, `mat
 ## Optional messages
 
 What is optional comes in parts: messages, registers and enumerations that belong to one bit of `capabilities`. It
-stands outside of the spec hash, so that one more part needs no new protocol number. For that
+stands outside of the spec hash, so that one more part needs no new protocol number
+([why so](decisions/optional-parts.md)). For that
 
 - a published part never changes: what is to be otherwise is another part, with a type and a bit of its own;
 - types {optional_first} to {optional_last} are for optional messages, known or to come;
