@@ -22,6 +22,7 @@ from hil.wire.messages import (
     FieldValue,
     Hello,
     Identity,
+    LoopMode,
     Message,
     Nack,
     NackReason,
@@ -497,7 +498,8 @@ def test_a_written_register_is_read_back() -> None:
         ("BLOCK", 683, NackReason.OUT_OF_RANGE),
         ("CLOCK_MODE", ClockMode.REAL, NackReason.NOT_SUPPORTED),
         ("CLOCK_MODE", ClockMode.PACED, NackReason.NOT_SUPPORTED),
-        ("LOOP_MODE", 2, NackReason.OUT_OF_RANGE),
+        ("LOOP_MODE", LoopMode.BOARD, NackReason.NOT_SUPPORTED),
+        ("LOOP_MODE", 3, NackReason.OUT_OF_RANGE),
         ("FILTER_A11", float("inf"), NackReason.OUT_OF_RANGE),
     ],
 )
@@ -513,7 +515,9 @@ def test_only_live_registers_change_while_streaming() -> None:
     host = Host(scenario()).armed()
     for register in SPEC.registers.values():
         answer = host.set(register.name, register.minimum)
-        if register.live:
+        if register.optional:
+            assert nack(answer) is NackReason.UNKNOWN_REGISTER
+        elif register.live:
             assert answer == [RegisterValue(register.id, register.minimum)]
         else:
             assert nack(answer) is NackReason.BAD_STATE
