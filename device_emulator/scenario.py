@@ -239,7 +239,7 @@ def load(path: Path, *, latency_ticks: int | None = None, rate_Hz: float | None 
     if said := beyond(raw.decode("utf-8", "replace")):
         raise ScenarioError(f"{path}: not a TOML file that can be used: {said}")
     try:
-        document = tomllib.loads(raw.decode("utf-8"))
+        document = tomllib.loads(raw.decode("utf-8-sig"))
     except RecursionError:
         raise ScenarioError(f"{path}: not a TOML file: nested too deeply") from None
     except ValueError as error:  # also of bytes that are no text, and of numbers with thousands of digits

@@ -52,7 +52,7 @@ def table_of(raw: bytes, source: str) -> dict[str, Any]:
     if len(raw) > MOST_BYTES:
         raise InputError(f"{source}: longer than {MOST_BYTES >> 20} MB, which no such file is; give a TOML file")
     try:
-        text = raw.decode("utf-8")
+        text = raw.decode("utf-8-sig")  # editors put a byte order mark before
         if said := beyond(text):
             raise InputError(f"{source}: not TOML that can be used: {said}")
         return tomllib.loads(text)

@@ -20,6 +20,7 @@ _TAIL = 1e-10
 the noise, and what it makes at the ends is to be well below it."""
 _MOST = 0.25  # of a record, at each end, that may be lost to them
 _PROBE = 1 << 16
+_LOWEST = 1e-6  # of the sampling rate: an edge below has no filter in double precision
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,8 @@ class Band:
             return f"high_Hz: {edges[1]:g} Hz is not above low_Hz; exchange them"
         passed = _PASSED * self.rate_Hz / self.decimate
         for key, edge in (("low_Hz", self.low_Hz), ("high_Hz", self.high_Hz)):
+            if edge is not None and edge < _LOWEST * self.rate_Hz:
+                return f"{key}: {edge:g} Hz is below {_LOWEST * self.rate_Hz:g} Hz, a millionth of the sampling rate"
             if edge is not None and edge >= nyquist:
                 return f"{key}: {edge:g} Hz is not below half the sampling rate of {self.rate_Hz:g} Hz"
             if edge is not None and self.decimate > 1 and edge > passed:

@@ -21,7 +21,7 @@ from hil.interchange.preparation import prepared
 from hil.interchange.read_back import read_back
 from hil.interchange.record_time import Remedies, numbered_rows, time_of
 from hil.interchange.source import Selection, Source, Table, Wanted
-from hil.interchange.suspicious import require_measured, require_no_thousands
+from hil.interchange.suspicious import require_finite, require_measured, require_no_thousands
 from hil.interchange.text_source import TextSource
 from hil.records.capture import Capture, Hold, import_layout, read_capture
 
@@ -113,7 +113,8 @@ def import_from(
     asked = asked_of(source, given)
     where = {_of_where(source, name): text for name, text in given.where.items()}
     wanted = [Wanted(part.at, part.called, part.is_time, part.source.thousands) for part in asked.parts]
-    table = source.read(wanted, Selection(where, given.rows, given.missing or ()))
+    called = {_of_where(source, name): name for name in given.where}
+    table = source.read(wanted, Selection(where, given.rows, given.missing or (), called))
     try:
         return _written(source, target, given, asked, table, hold or given.hold, nonuniform, remedies or Remedies())
     except ValueError as error:
@@ -142,10 +143,10 @@ def _written(
         lost |= np.isnan(values)
     if lost.any() and np.count_nonzero(~lost) < 2:
         raise InputError(f"{source.called}: fewer than two rows hold a measurement; correct `missing`")
-    if mapping.missing is None:
+    if mapping.missing != ():
         for part, values in zip(asked.parts, table.columns, strict=True):
             if not part.is_time:
-                require_measured(source, part, values, table.rows, is_mapped=mapping is not PLAIN)
+                require_measured(source, part, values, table.rows, mapping.missing, is_mapped=mapping is not PLAIN)
     if isinstance(source, TextSource) and mapping.decimal is None:
         for part, values in zip(asked.parts, table.columns, strict=True):
             if values.dtype.kind == "f" and part.source.thousands is None:
@@ -153,6 +154,7 @@ def _written(
     for part in asked.parts:
         if not part.is_time:
             channels[part.channel] = part.source.in_its_unit(part.channel, channels[part.channel])
+            require_finite(source, part, channels[part.channel], table, lost)
     segments = _segments(source, mapping, table, lost)
     said: list[str] = []
     time, t_s = numbered_rows(source, mapping, table, stamps, ~lost, nonuniform, remedies, said)

@@ -5,11 +5,19 @@ from typing import Annotated, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
 from hil.interchange.band import Band
 from hil.interchange.channels import OWN, fault_in
-from hil.interchange.units import MOTIONS, VOLTS_OF_LEVELS, Motion, factor_and_addition, motion_of, require_own_unit
+from hil.interchange.units import (
+    MOTIONS,
+    VOLTS_OF_LEVELS,
+    Motion,
+    factor_and_addition,
+    motion_of,
+    one_spelling,
+    require_own_unit,
+)
 from hil.records.capture import Hold
 from hil.strict_toml import read_toml
 
@@ -23,17 +31,36 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-Name = str | Annotated[int, Field(ge=1)]
+def _name_or_position(value: object) -> object:
+    if isinstance(value, bool) or not isinstance(value, str | int):
+        shown = str(value).lower() if isinstance(value, bool) else repr(value)
+        raise ValueError(f"expected a name in quotes, or a position from 1, not {shown}")
+    if isinstance(value, int) and value < 1:
+        raise ValueError(f"{value} is no position; positions count from 1")
+    return value
+
+
+def _not_zero(value: float) -> float:
+    if value == 0.0:
+        raise ValueError("0 makes every value the same; give another, or leave the column out")
+    return value
+
+
+Name = Annotated[str | int, BeforeValidator(_name_or_position)]
+Unit = Annotated[str, AfterValidator(one_spelling)]
+Factor = Annotated[float, AfterValidator(_not_zero)]
+SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
+"""What a sampling rate lies between: a sample in twelve days, and one in a nanosecond."""
 
 
 class Source(_Table):
     """Where one channel comes from: value = scale · cell + offset, in `unit`."""
 
     column: Name = Field(description="its name, or its position from 1")
-    unit: str = Field(description="unit of scale · cell + offset, e.g. V or deg/s")
-    scale: float = Field(default=1.0, description="what a cell is multiplied by before `unit` applies")
+    unit: Unit = Field(description="unit of scale · cell + offset, e.g. V or deg/s")
+    scale: Factor = Field(default=1.0, description="what a cell is multiplied by before `unit` applies")
     offset: float = Field(default=0.0, description="what is added to that, in `unit`")
-    thousands: Literal[",", ".", "'", " ", "\u00a0", "\u202f"] | None = Field(
+    thousands: Literal[",", ".", "'", "\u2019", " ", "\u00a0", "\u202f"] | None = Field(
         default=None,
         description="of a text: what stands between groups of three digits; no decimal then, if it is that",
     )
@@ -66,9 +93,10 @@ class Source(_Table):
     def in_its_unit(self, channel: str, cells: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         """The values of a channel: in SI, in the sensor's own unit, of a level the amplitude."""
         factor, addition = self.factor_and_addition(channel)
-        values = factor * cells + addition
-        if self.is_level_in_volts(channel):
-            values = VOLTS_OF_LEVELS[self.unit] * 10.0 ** (values / 20.0)
+        with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what is not finite, with its row
+            values = factor * cells + addition
+            if self.is_level_in_volts(channel):
+                values = VOLTS_OF_LEVELS[self.unit] * 10.0 ** (values / 20.0)
         return values
 
 
@@ -76,7 +104,7 @@ class Addend(_Table):
     """A further column of the time."""
 
     column: Name = Field(description="its name, or its position from 1")
-    unit: str = Field(description="its unit, e.g. ns or week")
+    unit: Unit = Field(description="its unit, e.g. ns or week")
 
 
 class Time(Source):
@@ -125,7 +153,7 @@ class RecordMap(_Table):
     """A map file, checked."""
 
     hold: Hold = Field(description="what the drive does between samples: zoh, foh or bandlimited")
-    sampling_rate_Hz: Annotated[float, Field(gt=0)] | None = Field(
+    sampling_rate_Hz: Annotated[float, Field(ge=SLOWEST_HZ, le=FASTEST_HZ)] | None = Field(
         default=None, description="samples per second; beside t_s, whose stamps are then rounded to that grid"
     )
     encoding: str = Field(default="utf-8", description="of the text, as cp1252 or utf-16")
@@ -191,6 +219,11 @@ class RecordMap(_Table):
         fault = fault_in(list(channels), needs_time=needs_time, mapped=True)
         if fault:
             raise ValueError(f"[columns] {fault}")
+        own = [channels[name].unit for name in OWN if name in channels]
+        if len(set(own)) > 1:
+            raise ValueError(
+                f"[columns.vy] unit: {own[1]!r}, but vx is in {own[0]!r}; give both axes in one unit, by scale"
+            )
         for channel, source in channels.items():
             source.factor_and_addition(channel)
             parts = [source.column, *(addend.column for addend in getattr(source, "add", ()))]

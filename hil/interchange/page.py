@@ -74,9 +74,10 @@ them are refused, as the key could not act; all other keys act on every kind.
 
 **Text.** A line is a row. A quote that does not close on its line is refused, with the line; so is a row that has more
 cells than the header, unless they are empty. A row may end early where nothing is mapped. Numbers have digits, sign,
-point and exponent: `1_234` is none. Where a column has whole numbers of up to three digits, and else numbers with
-exactly three digits behind the point, as `-1.319`, the point may stand between thousands: `decimal = "."`, or
-`thousands = "."` of the column, says which. A byte order mark (UTF-8, UTF-16) needs no `encoding`.
+point and exponent: `1_234` is none. The exponent may have the D of Fortran where there is a point, as `1.5D-03`. Where
+a column has whole numbers of up to three digits, and else numbers with exactly three digits behind the point, as
+`-1.319`, the point may stand between thousands: `decimal = "."`, or `thousands = "."` of the column, says which. A
+byte order mark (UTF-8, UTF-16) needs no `encoding`.
 
 **MATLAB.** `column` is a name as MATLAB writes it: `t`, `imu.gyro(:,3)`, `log.signals.values(:,2)`, `runs(2).x`.
 
@@ -90,7 +91,8 @@ beyond ±1e30 (9.9E37, 9.91E37), and −999, 9999, −999.25 and their like wher
 range of all other values from the nearest. A single true value so far apart, a whole number below 10,000, is refused
 twice in 10,000 times. `missing = [9.9e37, -999, "OVER", "nan"]` takes rows in which a mapped column reads so as lost:
 samples that are missing, over which observer and trace pass. `"nan"` stands for what is empty in Parquet as well, `""`
-for an empty cell of a text. `missing = []` says that every number was measured.
+for an empty cell of a text. A code that the list lacks is refused all the same, −9.9E37 beside `missing = [9.9e37]`;
+`missing = []` says that every number was measured.
 """
 
 _TIME = """
@@ -109,7 +111,8 @@ vx = { column = "GyroZ", unit = "dps" }
 Stamps that were rounded (a millisecond at 400 Hz, single precision) are no uneven time. Where rounding is below a
 hundredth of a step it is passed over. Beyond that the import names the rate that fits all stamps:
 `sampling_rate_Hz = 400.0` beside `t_s` takes it, and the stamps say which sample each row is, so that a gap stays one.
-Only what no rate fits asks for `--nonuniform`; where it is given to others, the diagnosis says so.
+A stamp that stands twice is a row written twice, and is refused with its row, unless there is more than one sample to
+a stamp. Only what no rate fits asks for `--nonuniform`; where it is given to others, the diagnosis says so.
 """
 
 _COLUMN = """
@@ -121,7 +124,8 @@ positive about the axis that leads from x to y.
 _UNITS = """
 `vx_V` and `vy_V` take the levels `dBV`, `dBmV`, `dBuV` as well, and have the amplitude. A code (LSB) of a
 channel in SI is no unit: `scale = 0.00875, unit = "dps"` says what one is. Further units go through `scale`:
-kilonewtons are `unit = "N", scale = 1e3`. A `base` takes those of a motion, and its unit says what is given:
+kilonewtons are `unit = "N", scale = 1e3`. Both letters that look like µ are one. A conversion to what is no finite
+number is refused with its row. A `base` takes those of a motion, and its unit says what is given:
 """
 
 _BASE = """
@@ -191,7 +195,7 @@ _ERRORS = """
 |---|---|
 | is read as one cell a line | `delimiter = ";"`, `"\\t"`, or `" "` for runs of blanks: the message names what it saw |
 | has lines before its header | `skip_lines = 3`, or `comment = "%"` where they begin so |
-| has a line of units below its header | `units_row = true` |
+| has a line of units below its header | `units_row = true`; refused where that line holds numbers |
 | has two columns of one name | `column = 3`, its position |
 | has a quote that is a letter | `quote = ""` |
 | is not UTF-8 | `encoding = "cp1252"`, or `"utf-16"` |
@@ -207,7 +211,7 @@ _ERRORS = """
 | holds a table of steady states | `steady = true`, no time; for rate sensors |
 | needs other numbers | `scale`, `offset` of a column |
 | has a decimal comma | `decimal = ","`, and another `delimiter` |
-| has points or blanks between thousands | `thousands = "."` of a column |
+| has points, blanks or ’ between thousands | `thousands = "."` of a column |
 """
 
 

@@ -6,12 +6,15 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.interchange.mapping import RecordMap
+from hil.interchange.mapping import FASTEST_HZ, SLOWEST_HZ, RecordMap
 from hil.interchange.naming import Asked
 from hil.interchange.rounded_time import Grid, rounded_grid, stated_grid
 from hil.interchange.source import Source, Table
 from hil.interchange.time_column import Stamps, stamps_of, sum_of
 from hil.interchange.uniformity import Numbered, first_not_increasing, numbered, odd_step, spacing
+
+_FEW = 0.1
+"""Of the rows: more that repeat a stamp are no rows written twice."""
 
 
 class Remedies(NamedTuple):
@@ -40,6 +43,9 @@ def time_of(source: Source, asked: Asked, table: Table, *, may_be_missing: bool)
                 raise InputError(f"{source.called}: column {part.called}: {key}{error}") from None
             columns.append(stamps)
             bad = np.flatnonzero(~np.isfinite(stamps.elapsed))
+            if bad.size and values.dtype.kind in "fiu" and (broken := bad[np.isfinite(values[bad])]).size:
+                place = source.place(int(table.rows[broken[0]]), part.called)
+                raise InputError(f"{place}: no finite number in {part.unit}; correct scale, offset or unit")
             if bad.size and not may_be_missing:
                 row = int(bad[0])
                 raise InputError(
@@ -73,6 +79,11 @@ def numbered_rows(
         return _stated(source, table, stamps, rows, rate)
     stamped = np.flatnonzero(np.isfinite(stamps.elapsed))  # rows that are lost have a time as a rule
     time = _evenly(source, table, stamps, stamped, nonuniform, remedies, said)
+    if not SLOWEST_HZ <= time.rate_Hz <= FASTEST_HZ:
+        raise InputError(
+            f"{source.called}: column t_s: {time.rate_Hz:.3g} Hz, beyond {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz; "
+            "check the unit of t_s"
+        )
     tick = time.tick[np.isin(stamped, rows)]
     return Numbered(tick - tick[0], time.rate_Hz, time.uniform), stamps.seconds()[rows]
 
@@ -93,6 +104,8 @@ def _evenly(
     if fallen is not None and coarse is None:
         place = source.place(int(table.rows[rows[fallen]]), "t_s")
         later, earlier = seconds[fallen], seconds[fallen - 1]
+        if later == earlier:
+            raise InputError(f"{place}: {_repeated(elapsed, float(later), remedies)}")
         raise InputError(f"{place}: {later:.9g} s is not later than {earlier:.9g} s on the row before; {remedies.sort}")
     off = spacing(elapsed).first_off_grid if fallen is None else fallen
     if off is None:
@@ -118,6 +131,16 @@ def _evenly(
     return time
 
 
+def _repeated(elapsed: npt.NDArray[np.float64], stamp: float, remedies: Remedies) -> str:
+    """What is to be told of a stamp that is that of the row before as well."""
+    count = int(np.count_nonzero(np.diff(elapsed) == 0.0))
+    told = f"{stamp:.9g} s is the stamp of the row before as well"
+    if count > max(_FEW * elapsed.size, 1.0):
+        return f"{told}, {count} rows in all repeat one; leave out t_s and set sampling_rate_Hz, or give a finer time"
+    others = f", and so in {count - 1} more" if count > 1 else ""
+    return f"{told}{others}; remove the row, or the one that it repeats"
+
+
 def _stated(
     source: Source, table: Table, stamps: Stamps, rows: npt.NDArray[np.int64], rate: float
 ) -> tuple[Numbered, npt.NDArray[np.float64]]:
@@ -128,7 +151,7 @@ def _stated(
         usual = (rows.size - 1) / (elapsed[-1] - elapsed[0]) if elapsed[-1] > elapsed[0] else 0.0
         raise InputError(
             f"{place}: the stamp is no sample of sampling_rate_Hz = {rate:g}; on average there are {usual:.6g} a "
-            "second: correct the rate, or leave out one of the two"
+            "second: correct the rate, mend the row, or leave out one of the two"
         )
     time = Numbered(grid.tick, rate, True)
     if time.mostly_lost:

@@ -31,6 +31,8 @@ class Selection(NamedTuple):
     where: Mapping[int, str]
     rows: tuple[int, int] | None
     missing: Sequence[str | float]
+    called: Mapping[int, str] = {}
+    """What a map calls the columns of `where`."""
 
 
 class Table(NamedTuple):
@@ -104,7 +106,9 @@ def among(selection: Selection) -> str:
     """What was asked for, in words."""
     told = "" if selection.rows is None else " in rows [{}, {})".format(*selection.rows)
     if selection.where:
-        told += " where " + ", ".join(f"column {index + 1} reads {text!r}" for index, text in selection.where.items())
+        told += " where " + ", ".join(
+            f"{selection.called[index]} reads {text!r}" for index, text in selection.where.items()
+        )
     return told
 
 

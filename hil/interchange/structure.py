@@ -8,7 +8,7 @@ from typing import NamedTuple
 from hil.bench.toml import toml_value
 from hil.errors import InputError
 from hil.interchange.mapping import OF_TEXT, RecordMap
-from hil.interchange.text_cells import Cells, NotCells
+from hil.interchange.text_cells import Cells, NotCells, with_e
 from hil.interchange.text_lines import beginning_of
 
 _DELIMITERS = (",", ";", "\t", "|", " ")
@@ -196,7 +196,7 @@ def _is_number(cell: str, decimal: str) -> bool:
     if "_" in text or not text.isascii():
         return False
     try:
-        float(text)
+        float(with_e(text))
     except ValueError:
         return False
     return True

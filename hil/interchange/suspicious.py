@@ -1,6 +1,7 @@
 """Numbers that can be read in two ways, or may be none: refused, with the key that says which."""
 
 import re
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -8,7 +9,7 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.interchange.naming import Part
 from hil.interchange.no_measurement import first_code
-from hil.interchange.source import Source
+from hil.interchange.source import Source, Table
 from hil.interchange.text_source import TextSource
 
 _GROUPED = re.compile(r"[+-]?[1-9]\d{0,2}\.\d{3}")
@@ -17,18 +18,34 @@ _SOME = 1000
 
 
 def require_measured(
-    source: Source, part: Part, values: npt.NDArray[np.float64], rows: npt.NDArray[np.int64], *, is_mapped: bool
+    source: Source,
+    part: Part,
+    values: npt.NDArray[np.float64],
+    rows: npt.NDArray[np.int64],
+    listed: Sequence[str | float] | None,
+    *,
+    is_mapped: bool,
 ) -> None:
-    """Refuse a column with a number that stands for no measurement."""
+    """Refuse a column with a number that stands for no measurement and is not in `listed`, the map's `missing`."""
     found = first_code(values)
     if found is None:
         return
     where = "" if is_mapped else " in a --map"
+    remedy = f"set missing = [{found.code!r}]{where}" if listed is None else f"add {found.code!r} to missing"
     raise InputError(
         f"{source.place(int(rows[found.row]), part.called)}: {found.code:.12g} stands for no measurement where "
-        f"instruments write; set missing = [{found.code!r}]{where} to have its rows as lost, or missing = [] if it was "
-        "measured"
+        f"instruments write; {remedy} to have its rows as lost, or set missing = [] if it was measured"
     )
+
+
+def require_finite(
+    source: Source, part: Part, values: npt.NDArray[np.float64], table: Table, lost: npt.NDArray[np.bool_]
+) -> None:
+    """Refuse numbers (n,) that their conversion has made infinite; `lost` rows are passed over."""
+    bad = np.flatnonzero(~np.isfinite(values) & ~lost)
+    if bad.size:
+        place = source.place(int(table.rows[bad[0]]), part.called)
+        raise InputError(f"{place}: no finite number in {part.source.unit}; correct scale, offset or unit")
 
 
 def require_no_thousands(source: TextSource, part: Part, values: npt.NDArray[np.float64]) -> None:

@@ -10,8 +10,10 @@ from hil.bench.toml import toml_value
 from hil.interchange.mapping import RecordMap
 
 _LONGEST, _LONGEST_WORD = 131_072, 24
-THOUSANDS = (",", ".", "'", " ", "\u00a0", "\u202f")
+THOUSANDS = (",", ".", "'", "\u2019", " ", "\u00a0", "\u202f")
 _BLANK_CELLS = re.compile(r'"([^"]*)"(?=\s|$)|(\S+)')
+_FORTRAN = re.compile(r"([+-]?(?:\d+\.\d*|\.\d+))[dD]([+-]?\d+)")
+"""A number of Fortran in double precision."""
 NO_NUMBERS = re.compile(r"[_\s]|[^\x00-\x7f]")
 
 
@@ -80,6 +82,7 @@ class Cells:
             if "." in plain:
                 raise ValueError(f"{shown(text)} is not a number with a decimal comma")
             plain = plain.replace(self.decimal, ".")
+        plain = with_e(plain)
         if NO_NUMBERS.search(plain):
             raise ValueError(f"{shown(text)} is not a number")
         try:
@@ -95,11 +98,17 @@ class Cells:
     def digits(self, cell: str, thousands: str | None = None) -> str:
         """A cell without separators of thousands and with a decimal point, to be read exactly."""
         without = cell.strip().replace(thousands or "\0", "")
-        return without if self.decimal == "." else without.replace(self.decimal, ".")
+        return with_e(without if self.decimal == "." else without.replace(self.decimal, "."))
 
     def is_missing(self, cell: str) -> bool:
         """Whether the map says so of a cell that may be a text."""
         return cell.strip().casefold() in self._missing_texts
+
+
+def with_e(number: str) -> str:
+    """A number as it is, its exponent after an E where Fortran has a D."""
+    found = _FORTRAN.fullmatch(number)
+    return number if found is None else f"{found[1]}E{found[2]}"
 
 
 def remedy_for(cell: str, *, mapped: bool) -> str:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.interchange.mapping import Name, RecordMap
 from hil.interchange.source import Selection, Table, Values, Wanted, among, position
-from hil.interchange.text_cells import Cells, NotCells, extra_cells, remedy_for
+from hil.interchange.text_cells import Cells, NotCells, extra_cells, remedy_for, shown
 from hil.interchange.text_fast import plain_columns
 from hil.interchange.text_lines import pieces
 
@@ -49,6 +49,7 @@ class TextSource:
 
     def read(self, wanted: Sequence[Wanted], selection: Selection) -> Table:
         """Columns as float64; a time whose cells are dates, or have more digits than that, as texts."""
+        self._require_units(wanted)
         as_text = [one.is_time and self._is_text(one.at) for one in wanted]
         read = _Reading(self, self._cells, wanted, as_text, selection)
         for line, text in self._pieces():
@@ -81,6 +82,20 @@ class TextSource:
         except NotCells as error:
             raise InputError(f"{self.path}:{line}: {error}") from None
 
+    def _require_units(self, wanted: Sequence[Wanted]) -> None:
+        """Refuse a row of units that is one of numbers; 1 is the unit of what has none."""
+        if self._units is None:
+            return
+        line, content = self._units
+        cells = self.cut(line, content)
+        for one in wanted:
+            cell = cells[one.at].strip() if one.at < len(cells) else ""
+            if cell != "1" and self._is_number(cell):
+                raise InputError(
+                    f"{self.path}:{line}: units_row: column {one.called} reads {shown(cell)}, a number; "
+                    "leave units_row out, or correct skip_lines"
+                )
+
     def _one_cell(self) -> str:
         if self.width == 1:
             return "its first line is one cell; "
@@ -105,6 +120,7 @@ class TextSource:
         if not found:
             raise InputError(f"{self.path}: empty; expected a header line and rows of numbers")
         line, content = found[0]
+        self._units = found[-1] if self._mapping.units_row and len(found) == needed else None
         try:
             cells = self._cells.names(content)
         except NotCells as error:

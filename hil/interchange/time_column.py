@@ -50,8 +50,11 @@ def stamps_of(values: npt.NDArray[Any], unit: str | None, scale: float = 1.0, of
 
     Raises ValueError for a kind and a unit that do not go together, and for texts that are no times.
     """
-    if values.dtype == object:
-        values = _typed(values)
+    with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what is not finite, with its row
+        return _stamps(_typed(values) if values.dtype == object else values, unit, scale, offset)
+
+
+def _stamps(values: npt.NDArray[Any], unit: str | None, scale: float, offset: float) -> Stamps:
     kind = values.dtype.kind
     if kind in "mM":
         if unit not in (None, OWN_UNIT):

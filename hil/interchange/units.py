@@ -14,6 +14,7 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
         "s": (1.0, 0.0),
         "ms": (1e-3, 0.0),
         "us": (1e-6, 0.0),
+        "µs": (1e-6, 0.0),
         "ns": (1e-9, 0.0),
         "min": (60.0, 0.0),
         "h": (3600.0, 0.0),
@@ -21,19 +22,20 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
         "week": (604800.0, 0.0),
         "iso": (1.0, 0.0),  # ISO 8601 text, or a type of dates or lengths of time, which has a unit of its own
     },
-    "V": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0)},
-    "N": {"N": (1.0, 0.0), "mN": (1e-3, 0.0), "uN": (1e-6, 0.0)},
-    "mps2": {"m/s^2": (1.0, 0.0), "mps2": (1.0, 0.0), "g": (_G, 0.0)},
+    "V": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0), "µV": (1e-6, 0.0)},
+    "N": {"N": (1.0, 0.0), "mN": (1e-3, 0.0), "uN": (1e-6, 0.0), "µN": (1e-6, 0.0)},
+    "mps2": {"m/s^2": (1.0, 0.0), "m/s²": (1.0, 0.0), "mps2": (1.0, 0.0), "g": (_G, 0.0)},
     "rad_s": {
         "rad/s": (1.0, 0.0),
         "mrad/s": (1e-3, 0.0),
         "deg/s": (_TURN_RAD / 360, 0.0),
+        "°/s": (_TURN_RAD / 360, 0.0),
         "dps": (_TURN_RAD / 360, 0.0),
         "mdps": (_TURN_RAD / 360e3, 0.0),
         "deg/h": (_TURN_RAD / 360 / 3600, 0.0),
         "rpm": (_TURN_RAD / 60, 0.0),
     },
-    "C": {"degC": (1.0, 0.0), "K": (1.0, -273.15)},
+    "C": {"degC": (1.0, 0.0), "°C": (1.0, 0.0), "K": (1.0, -273.15)},
 }
 
 
@@ -48,7 +50,10 @@ MOTIONS = {
     **{unit: Motion(0, factor) for unit, factor in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3))},
     **{unit: Motion(0, factor) for unit, factor in (("um", 1e-6), ("µm", 1e-6), ("nm", 1e-9))},
     **{unit: Motion(1, factor) for unit, factor in (("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6), ("µm/s", 1e-6))},
-    **{unit: Motion(2, factor) for unit, factor in (("m/s^2", 1.0), ("mps2", 1.0), ("g", _G), ("mg", 1e-3 * _G))},
+    **{
+        unit: Motion(2, factor)
+        for unit, factor in (("m/s^2", 1.0), ("m/s²", 1.0), ("mps2", 1.0), ("g", _G), ("mg", 1e-3 * _G))
+    },
 }
 """Units of displacement, velocity and acceleration."""
 
@@ -57,6 +62,11 @@ VOLTS_OF_LEVELS = {"dBV": 1.0, "dBmV": 1e-3, "dBuV": 1e-6, "dBµV": 1e-6}
 _CODES = ("LSB", "lsb", "counts", "count", "digits", "codes")
 NAMES = ("displacement", "velocity", "acceleration")
 LONGEST = 16
+
+
+def one_spelling(unit: str) -> str:
+    """A unit whose µ is the micro sign, which the Greek letter looks like."""
+    return unit.replace("\N{GREEK SMALL LETTER MU}", "\N{MICRO SIGN}")
 
 
 def factor_and_addition(dimension: str, unit: str) -> tuple[float, float]:

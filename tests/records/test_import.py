@@ -112,7 +112,7 @@ HEADER = "t_s,vx_V\n"
         (HEADER + "0,1\n1,nan\n", ":3: column vx_V: 'nan' is not finite"),
         (HEADER + "0,1\n-inf,2\n", ":3: column t_s: '-inf' is not finite"),
         (HEADER + "0,1\n1,1e999\n", ":3: column vx_V: '1e999' is not finite"),
-        (HEADER + "0,1\n1,2\n1,3\n", r":4: column t_s: 1 s is not later than 1 s on the row before"),
+        (HEADER + "0,1\n1,2\n1,3\n", r":4: column t_s: 1 s is the stamp of the row before as well; remove the row"),
         (HEADER + "0,1\n2,2\n1,3\n", r":4: column t_s: 1 s is not later than 2 s"),
         (
             HEADER + "0,1\n1,2\n2,3\n3.5,4\n4.5,5\n",

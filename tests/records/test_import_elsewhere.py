@@ -108,7 +108,7 @@ def test_steady_states_of_one_sensor(bring, tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
-        ('{ sensor = "B" }', '{ sensor = "C" }', "no rows of numbers where column 1 reads 'C'"),
+        ('{ sensor = "B" }', '{ sensor = "C" }', "no rows of numbers where sensor reads 'C'"),
         ('{ sensor = "B" }', '{ maker = "B" }', "no column 'maker' for `where`; the file has: sensor, dps, out"),
         ("steady = true", "steady = true\nsampling_rate_Hz = 1.0", "steady: steady states have no time"),
         ("steady = true\n", "", "no column t_s"),
