@@ -8,7 +8,6 @@ from math import factorial
 from typing import Literal, get_args
 
 import numpy as np
-from scipy.signal import lfilter, lfiltic
 
 from estimator.errors import ModelError
 from estimator.scaling import Array
@@ -82,6 +81,8 @@ def _continuation(u: Array, samples: int) -> Array:
     """
     order = min(_PREDICTOR, len(u) // 3)
     predictor = _burg(u, order)
+    from scipy.signal import lfilter, lfiltic  # scipy.signal takes half a second to load
+
     memory = lfiltic([1.0], predictor, u[: -order - 1 : -1])
     further, _ = lfilter([1.0], predictor, np.zeros(samples), zi=memory)
     fade = 0.5 + 0.5 * np.cos(np.pi * (np.arange(samples) + 0.5) / samples)

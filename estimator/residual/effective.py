@@ -1,7 +1,6 @@
 """How a series hangs on its own past, and how many independent samples it is then worth."""
 
 import numpy as np
-from scipy.signal import correlate
 
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
@@ -10,6 +9,8 @@ from estimator.thresholds import THRESHOLDS
 def autocorrelation(series: Array) -> Array:
     """Of a series (n,) about its mean at lags from 0 to n − 1, over its power; 0 of one that is constant."""
     centred = series - np.mean(series)
+    from scipy.signal import correlate  # scipy.signal takes half a second to load
+
     products = correlate(centred, centred, method="fft")[len(centred) - 1 :]
     return np.asarray(products / max(float(products[0]), np.finfo(float).tiny))
 

@@ -9,7 +9,6 @@ from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import csd, welch
 
 from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.effects.catalogue import EFFECTS, effect_for
@@ -195,6 +194,8 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
         return []
     sample_rate = 1.0 / float(np.mean(record.step))
     length = _segment(record)
+    from scipy.signal import csd, welch  # half a second to load
+
     filled = np.nan_to_num(whitened)
     coherence: Array = np.zeros(length // 2 + 1)
     following: Array = np.zeros_like(coherence)
@@ -243,6 +244,8 @@ def at_resonance(record: Record, device: Device, omega: Array) -> NDArray[np.boo
 
 def of_resonance_alone(record: Record, device: Device) -> bool:
     """Whether the drive's power is all at the gyro's own resonance, as it is without dither."""
+    from scipy.signal import welch  # half a second to load
+
     sample_rate = 1.0 / float(np.mean(record.step))
     power: Array = np.zeros(_segment(record) // 2 + 1)
     frequency = np.zeros_like(power)

@@ -1,7 +1,7 @@
 """How surely the coefficients of an effect are known."""
 
 import numpy as np
-from scipy.stats import chi2, norm
+from scipy.special import gammaincinv, ndtr
 
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array
@@ -14,7 +14,7 @@ TWO_SIDED = 1.959963984540054
 
 def all_of(coefficients: int) -> float:
     """Standard deviations to either side of each that hold so many coefficients together, as surely as one."""
-    return float(np.sqrt(chi2.ppf(1.0 - 2.0 * norm.sf(TWO_SIDED), coefficients)))
+    return float(np.sqrt(2.0 * gammaincinv(0.5 * coefficients, 1.0 - 2.0 * ndtr(-TWO_SIDED))))
 
 
 def covariance_of(name: str, model: Fitted, searched: Searched) -> Array:

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtri
 
 from estimator.thresholds import THRESHOLDS
 
@@ -20,7 +20,7 @@ def threshold(candidates: int) -> float:
 
 def chance_gain(degrees: int, candidates: int) -> float:
     """Gain that chance gives the best of so many candidates, each with so many coefficients."""
-    return float(chi2.isf(_SET.chance / max(candidates, 1), degrees))
+    return float(chdtri(degrees, _SET.chance / max(candidates, 1)))
 
 
 def schwarz(numbers: int, samples: float) -> float:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
@@ -37,7 +37,9 @@ class Evidence:
     @property
     def significance(self) -> float:
         """log10 of the probability that chance makes as much, the gain taken down by the scatter; large is sure."""
-        return float(-chi2.logsf(self.gain / max(self.scatter, 1.0), max(self.degrees, 1)) / np.log(10.0))
+        gain = self.gain / max(self.scatter, 1.0)
+        with np.errstate(divide="ignore"):  # beyond the least number there is, it is certain
+            return float(-np.log(chdtrc(max(self.degrees, 1), gain)) / np.log(10.0))
 
 
 def solve(normal: Array, score: Array) -> tuple[Array, int]:

@@ -7,7 +7,7 @@ noise, but whether what stands above it is of a size that matters.
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from estimator.record import Record
 from estimator.residual.effective import autocorrelation
@@ -40,7 +40,7 @@ def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str
     series = steadied(model, _SET.start * cycle, cycle)
     reasons = []
     power, deviation = power_over_prediction(model, series, record, _SET.start * cycle, sample_rate, resonance_hz)
-    if power - 1.0 > max(_SET.level, float(norm.isf(THRESHOLDS.promises.floor_chance)) * deviation):
+    if power - 1.0 > max(_SET.level, -float(ndtri(THRESHOLDS.promises.floor_chance)) * deviation):
         reasons.append(f"the innovation is {np.sqrt(power):.3g} × what its prediction and the noise floor allow")
     share = predictable_share(series, _SET.lags * cycle)
     # What a jump of the rate leaves is as much in a short record as in a long one, and the larger a share of it.

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import butter, firwin, kaiserord, oaconvolve, sosfiltfilt
 
 Floats = npt.NDArray[np.float64]
 
@@ -58,6 +57,8 @@ class Band:
 
     def filtered(self, values: Floats) -> Floats:
         """The series (n,) behind the filter, at its own rate still."""
+        from scipy.signal import butter, oaconvolve, sosfiltfilt  # scipy.signal takes half a second to load
+
         edges = [edge for edge in (self.low_Hz, self.high_Hz) if edge is not None]
         if edges:
             kind = "bandpass" if len(edges) == 2 else "highpass" if self.low_Hz is not None else "lowpass"
@@ -106,6 +107,8 @@ class Band:
         return max(int(self.order * self.rate_Hz / lowest), 16)
 
     def _taps(self) -> Floats:
+        from scipy.signal import firwin, kaiserord
+
         width = (1.0 - 2.0 * _PASSED) / self.decimate
         count, beta = kaiserord(_STOPPED_DB, width)
         cutoff = 0.5 * (2.0 * _PASSED + 1.0) / self.decimate

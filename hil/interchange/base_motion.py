@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import BSpline, make_interp_spline
 
 Floats = npt.NDArray[np.float64]
 
@@ -34,8 +33,10 @@ class Base:
         if order == self._order:
             return self._values
         if self._spline is None:
+            from scipy.interpolate import make_interp_spline  # where it is asked for: it takes a while to load
+
             middle = self._t_s - self._t_s[0]
-            spline: BSpline = make_interp_spline(middle, self._values, k=_DEGREE)
+            spline = make_interp_spline(middle, self._values, k=_DEGREE)
             self._spline = (spline, middle)
         spline, middle = self._spline
         return np.asarray(spline.derivative(order - self._order)(middle), dtype=float)
