@@ -10,13 +10,15 @@ from collections.abc import Mapping
 from copy import copy
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from estimator.effects.search import Kin, Search, Sign
 from estimator.model.formula import declared, in_sympy, is_nothing, names_in, symbol, symbolic, without
 
 if TYPE_CHECKING:
     import sympy as sp
+
+_Declared = TypeVar("_Declared")
 
 OWN = -1
 """In place of the number of an effect that is not of the catalogue: `estimator.core.own` has its code."""
@@ -248,7 +250,7 @@ def _of_one_axis(expression: Any) -> Any:
     return without(expression, absent)
 
 
-def _with(declaration: Any, **changed: Any) -> Any:
+def _with(declaration: _Declared, **changed: Any) -> _Declared:
     """`dataclasses.replace`, which leaves formulas as they were declared."""
     other = copy(declaration)
     other.__dict__.update(changed)
