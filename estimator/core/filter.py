@@ -44,14 +44,15 @@ class Filter:
         )  # fmt: skip
         ctypes.memmove(self._buffer.ctypes.data, self._held, ctypes.sizeof(self._held.contents))
         self.address = int(self._buffer.ctypes.data)
+        self._bytes = self._buffer.data
         self._here = ctypes.c_void_p(self.address)
         self._tick = LIBRARY.gyro_tick
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
-        _write(self._buffer, _SAMPLE, vx, vy, ux, uy)
+        _write(self._bytes, _SAMPLE, vx, vy, ux, uy)
         self._tick(self._here)
-        x, y = _read(self._buffer, _CODES)
+        x, y = _read(self._bytes, _CODES)
         return int(x), int(y)
 
     def run(
