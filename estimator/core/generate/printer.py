@@ -48,6 +48,9 @@ class _Printer(C99CodePrinter):
             raise NotImplementedError(f"{type(function).__name__}() cannot be written as C")
         return f"{name}({', '.join(self._print(argument) for argument in function.args)})"
 
+    def _print_Heaviside(self, step: sp.Heaviside) -> str:
+        return f"({self._print(step.args[0])} > R(0.0) ? R(1.0) : R(0.0))"
+
     _print_sin = _print_cos = _print_tanh = _print_exp = _print_log = _print_Abs = _print_Function
 
 
