@@ -1,1 +1,1 @@
-"""The core: model, flow, filter, control law and scan in C (the headers beside this file), and their Python side."""
+"""What computes: the filter, its model and its law as C, and how Python calls it."""
