@@ -26,7 +26,6 @@ from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveForce, Identity, Message
 from hil.wire.sense import SenseRow
 
-_PAUSE = 0.25  # of a sample interval, for the answer to get away
 _NOTHING_WRITTEN: Mapping[str, float] = {}
 
 
@@ -55,11 +54,9 @@ class ForceLoop(Loop):
 
     def _declare(self, identity: Identity, bench: Bench, limit: int) -> None:
         """What C needs to know of the run, once."""
-        state, rate, link = self._state, self._rate_Hz, self._endpoint.link
+        state, rate = self._state, self._rate_Hz
         state.latency, state.code_limit = identity.latency_ticks, limit
         state.lockstep = self._lockstep
-        resting = not self._lockstep and link.fileno() is not None
-        state.pause_ns = round(1e9 * _PAUSE / rate) if resting else 0
         state.slice_ns = round(1e9 * self._slice_s)
         state.suspicious_ns, state.at_once_ns = self._suspicious_ns, self._at_once_ns
         state.estimate_every = bench.loop.estimate_every

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.core.layout import OUTPUT
+from estimator.core.library import LIBRARY as CORE
 from estimator.observer import Estimates, Observer
 from hil.loop.echo import Echo
 from hil.loop.native import (
@@ -52,6 +53,7 @@ from hil.wire.stream import Received
 SEEN = 1024
 """Rows that are kept for whoever looks at each, at most."""
 
+_TICK = ctypes.cast(CORE.estimator_tick, ctypes.c_void_p).value
 _STAGED = 256  # rows that wait for a track that is no ring
 _ESTIMATES = 1024
 _RECEIVER = ("lost", "repeated", "undecodable", "passed_over", "tick", "run", "run_next")
@@ -113,13 +115,14 @@ class Turn:
         self._outputs = OUTPUT.itemsize // 8
         self._kept = np.zeros((_ESTIMATES, 1 + len(observer.x) + len(observer.estimated) + self._outputs))
         self._bound: list[Any] | None = None
+        self._own_step: Any = None  # `_step`, for C
         self._raised: BaseException | None = None
         self.estimates: Callable[[NDArray[np.int64], Estimates], None] = _unheard
         self.seen: Callable[[list[SenseRow]], None] = _unheard
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what holds an address."""
-        return {**self.__dict__, "_bound": None}
+        return {**self.__dict__, "_bound": None, "_own_step": None}
 
     def run(self) -> Why:
         """Answer samples until there is something to see to. Raises what the link raises, or Python within the call."""
@@ -182,13 +185,12 @@ class Turn:
             "receive_rows": RECEIVE_ROWS(self._guarded(self._receive_rows)),
             "send_drive": SEND_DRIVE(self._guarded(self._send_drive)),
         }
-        step = STEP(self._guarded(self._step))
+        self._own_step = STEP(self._guarded(self._step))
         for name, call in calls.items():
             setattr(state if name == "room" else link, name, ctypes.cast(call, ctypes.c_void_p).value)
-        state.step = ctypes.cast(step, ctypes.c_void_p).value
         if self._kind is Kind.DATAGRAM:
             self._address()
-        self._bound = [arrays, actual, types, step, *calls.values()]
+        self._bound = [arrays, actual, types, *calls.values()]
 
     def _address(self) -> None:
         (board, board_port), (group, group_port) = self._endpoint.link.plain  # type: ignore[attr-defined]
@@ -203,6 +205,10 @@ class Turn:
         descriptor = self._endpoint.link.fileno()
         state.link.fd = -1 if descriptor is None else descriptor
         state.seq = self._endpoint.tx.seq
+        # While the angle is carried on, a tick has more to do than the core; and whoever has replaced it is asked.
+        alone = not self._observer.carries_angle and "tick" not in vars(self._observer)
+        state.step = _TICK if alone else ctypes.cast(self._own_step, ctypes.c_void_p).value
+        state.context = self._observer.core
         state.received_ns = self._endpoint.received_ns
         for at, track in enumerate(self._tracks):
             if isinstance(track, Ring):

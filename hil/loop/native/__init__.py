@@ -131,7 +131,7 @@ class TurnState(ctypes.Structure):
         ("volts", ctypes.c_double * 2),
         ("noise", ctypes.c_double * 2),
         *_of("estimates estimate_room estimate_count estimate_every covariance_every seen seen_count look_after"),
-        *_of("types seq code_limit lockstep pause_ns slice_ns suspicious_ns at_once_ns"),
+        *_of("types seq code_limit lockstep slice_ns suspicious_ns at_once_ns"),
         *_of("goal due stale first next row_at fresh news"),
         ("shown", ctypes.c_int32 * 2),
         *_of("received_ns answered_ns sent_ns silence_ns turns behind drives"),

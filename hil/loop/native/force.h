@@ -53,7 +53,7 @@ static void note_silence(turn_t *turn)
 }
 
 /* Send the codes, and note what hangs off that. */
-static int answer(turn_t *turn, int64_t tick, const double codes[2], int64_t estimated_ns, bool newest)
+static int answer(turn_t *turn, int64_t tick, const double codes[2], int64_t estimated_ns)
 {
     int32_t ux = (int32_t)codes[0], uy = (int32_t)codes[1];
     int done = send_drive(turn, ux, uy, tick + turn->latency);
@@ -61,10 +61,6 @@ static int answer(turn_t *turn, int64_t tick, const double codes[2], int64_t est
         return done == CLOSED ? TURN_CLOSED : TURN_FAILED;
     turn->drives++;
     put_timing(turn, tick, estimated_ns);
-    /* Stand still for a moment, unless the next sample is there already: a kernel worker of ordinary priority carries
-       the answer away, and with two cores it may have to wait for ours. */
-    if (newest && turn->pause_ns > 0)
-        await(&turn->link, turn->pause_ns);
     echo_sent_(turn->echo, ux, uy, tick + turn->latency);
     note_silence(turn);
     return TURN_DONE;
@@ -113,7 +109,7 @@ static int keep(turn_t *turn, const row_t *row)
 }
 
 /* One sample, answered if its tick is not before `oldest`. */
-static int take(turn_t *turn, const row_t *row, int64_t oldest, bool newest)
+static int take(turn_t *turn, const row_t *row, int64_t oldest)
 {
     int64_t since = row->tick - turn->first;
     double codes[2];
@@ -133,7 +129,7 @@ static int take(turn_t *turn, const row_t *row, int64_t oldest, bool newest)
         turn->stop = 1;
         return TURN_BEYOND;
     } else {
-        int why = answer(turn, row->tick, codes, estimated_ns, newest);
+        int why = answer(turn, row->tick, codes, estimated_ns);
         if (why != TURN_DONE)
             return why;
     }
@@ -151,7 +147,7 @@ static int take_rows(turn_t *turn)
         const row_t *row = &batch->rows[turn->row_at];
         if (turn->first == NONE)
             turn->first = row->tick;
-        int why = take(turn, row, newest - before, row->tick == newest);
+        int why = take(turn, row, newest - before);
         if (why != TURN_DONE)
             return why;
     }

@@ -91,7 +91,7 @@ enum { LINK_STREAM, LINK_DATAGRAM, LINK_BYTES, LINK_ROWS };
 
 typedef struct {
     int64_t kind;
-    int64_t fd;      /* to read from, or to wait on while an answer gets away; −1 for none */
+    int64_t fd;      /* to read from; −1 for none */
     int64_t waker;   /* becomes readable when a signal has come; −1 for none */
     int64_t failure; /* errno of a link that closed, 0 for a hang-up */
     int64_t strangers;
@@ -142,7 +142,6 @@ typedef struct {
     int64_t seq;
     int64_t code_limit;
     int64_t lockstep;
-    int64_t pause_ns;      /* after an answer, for it to get away */
     int64_t slice_ns;      /* longest wait for samples */
     int64_t suspicious_ns; /* between two answers, from which on it counts as silence */
     int64_t at_once_ns;    /* samples that come within it had been waiting */
