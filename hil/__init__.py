@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from hil.errors import InputError
     from hil.library.campaign import Sweep
     from hil.library.finished_run import Run
+    from hil.library.generating import generate
     from hil.library.live import Block, Live
     from hil.library.loading import load, load_trace
     from hil.library.series import Series
@@ -51,6 +52,7 @@ __all__ = [
     "compare",
     "diff",
     "export",
+    "generate",
     "load",
     "load_bench",
     "load_trace",
@@ -82,6 +84,7 @@ _HOMES = {
     "compare": "hil.library.verbs",
     "diff": "hil.library.verbs",
     "export": "hil.library.verbs",
+    "generate": "hil.library.generating",
     "load": "hil.library.loading",
     "load_bench": "hil.library.verbs",
     "load_trace": "hil.library.loading",

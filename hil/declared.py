@@ -189,17 +189,22 @@ def require_agreement(bench: Bench, identity: Identity, link: str) -> None:
         )
 
 
-def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]], dict[str, Any]]:
-    """Ask the board at `link` who it is: (a heading for a bench file, the values it declares by section, its IDENTITY
-    by field)."""
+def identity_at(link: str) -> Identity:
+    """Who the board at `link` is."""
     from hil.emulation import served
 
     with served(link) as board:
         endpoint = Endpoint(open_link(board.url))
         try:
-            identity = client.connect(endpoint)
+            return client.connect(endpoint)
         finally:
             endpoint.close()
+
+
+def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]], dict[str, Any]]:
+    """Ask the board at `link` who it is: (a heading for a bench file, the values it declares by section, its IDENTITY
+    by field)."""
+    identity = identity_at(link)
     heading = f"Board {identity.unique_id:016x}, firmware {identity.version}."
     drive = identity.drive_scale_mps2 * 2 ** (identity.drive_bits - 1)
     told: dict[str, dict[str, Any]] = {

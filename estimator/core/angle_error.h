@@ -34,7 +34,7 @@ static void note_gradient(const Settings *settings, Memory *memory, const real *
 /* Whether this is the reference instant. */
 static int refer_angle(const Settings *settings, Memory *memory)
 {
-    if (memory->referred == 1 || memory->time < settings->reference)
+    if (memory->referred == 1 || memory->time < (double)settings->reference)
         return 0;
     memory->referred = 1;
     return 1;

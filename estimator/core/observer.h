@@ -397,7 +397,7 @@ static inline void tabulated_gain(const Table *table, whole n, const real *s, re
 /* Whether the gain comes from the covariance recursion: always, but for a table that has taken over. */
 static inline int runs_riccati(const Settings *settings, const Memory *memory)
 {
-    return !(settings->stationary == 1 && memory->time >= settings->takeover);
+    return !(settings->stationary == 1 && memory->time >= (double)settings->takeover);
 }
 
 /* Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]. */
@@ -438,7 +438,7 @@ static inline void sense_effects(const Settings *settings, Memory *memory, const
     real *drive = work->flow.push.drive, *signals = work->flow.push.signals;
     const real *c = x + states;
     drive_at(u, settings->axes, terms, R(1.0), drive);
-    signal_values(settings, memory, memory->time + h, signals);
+    signal_values(settings, memory, memory->time + (double)h, signals);
     for (whole e = 0; e < settings->effect_count; e++)
         effect_sense(settings->effects[e][0], settings->model, c, x, drive, signals, settings->effects[e][1],
                      settings->effects[e][2], predicted, full, total, full + states, total);
@@ -446,7 +446,7 @@ static inline void sense_effects(const Settings *settings, Memory *memory, const
         return;
     for (whole axis = 0; axis < settings->axes; axis++) {
         whole row = 2 * axis, columns = work->flow.columns;
-        Interval interval = {memory->time + h, h, u, terms};
+        Interval interval = {memory->time + (double)h, h, u, terms};
         sensed_before(settings, &interval, memory->past, c, x, axis, &work->flow);
         real *of_axis = full + axis * total;
         predicted[axis] += out[row * columns] - x[row];
@@ -469,7 +469,7 @@ static inline int predict_measurement(const Settings *settings, const whole *act
         full[i] = R(0.0);
     if (senses_otherwise(settings)) {
         drive_at(sample->u, settings->axes, sample->terms, R(1.0), push->drive);
-        signal_values(settings, memory, memory->time + sample->h, push->signals);
+        signal_values(settings, memory, memory->time + (double)sample->h, push->signals);
         sensed_otherwise(settings, x + states, x, push, predicted, full, full + states, total);
     } else {
         sense(settings->model, x + states, x, predicted, full, total);

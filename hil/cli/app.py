@@ -11,6 +11,7 @@ from hil.cli.diff import diff
 from hil.cli.doctor import doctor
 from hil.cli.emulate import emulate
 from hil.cli.export import export
+from hil.cli.generate import generate
 from hil.cli.import_ import import_
 from hil.cli.init import init
 from hil.cli.key import key
@@ -54,7 +55,7 @@ app = typer.Typer(
 )
 VERBS = (
     demo, run, record, emulate, doctor, init, replay, trace, score, compare, sweep, ls, show, diff, check, import_,
-    export, key, serve, top,
+    export, generate, key, serve, top,
 )  # fmt: skip
 for verb in VERBS:
     app.command(verb.__name__.rstrip("_"))(verb)

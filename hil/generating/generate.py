@@ -1,0 +1,113 @@
+"""From a bench file to a folder of C for a board."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.observer import Observer
+from hil.bench import Bench
+from hil.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
+from hil.errors import InputError
+from hil.generating.golden import Golden, golden
+from hil.generating.sizes import Sizes, sizes
+from hil.generating.written import INTERFACE, decimal, files_of, filled
+from hil.records.atomic import write_text
+from hil.wire.messages import Identity
+
+_SAMPLES = 2000
+_QUIET = 200
+_TOLERANCES = {False: (1e-9, 1e-6), True: (2e-3, 1.0)}
+"""By float32: of the angle in rad, and of each state in its deviations, from what the bench computed in double."""
+
+
+@dataclass(frozen=True)
+class Generated:
+    """What was written: the folder, its files, the bytes that the code takes where a compiler for the target is."""
+
+    folder: Path
+    files: tuple[str, ...]
+    sizes: Sizes | None
+
+
+def generate(bench: Bench, place: str, identity: Identity, folder: Path, *, float32: bool = False) -> Generated:
+    """Write the estimator of a bench file, for a board with these codes, into `folder`; place: how messages call the
+    bench file.
+
+    Raises InputError for a device that is no two-axis gyro, for a plain EKF in 32 bits, and naming an effect
+    that cannot be written.
+    """
+    if bench.device.axes != 2:
+        raise InputError(
+            f"{place}: [device] axes = {bench.device.axes}: only the estimator of a gyro, axes = 2, is written"
+        )
+
+    if float32 and bench.observer.gain == "ekf":
+        raise InputError(
+            f'{place}: [observer] gain = "ekf" loses a deviation within seconds in numbers of 32 bits; '
+            'take gain = "fading", or leave out --float32'
+        )
+
+    def made() -> Observer:
+        return Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+
+    title = f"Estimator of {bench.device.name}: {len(made().estimated)} states and constants are estimated."
+    facts = {
+        "TITLE": title,
+        "BENCH": place,
+        "SAMPLE_RATE": decimal(bench.device.sample_rate_Hz),
+        "LATENCY": str(identity.latency_ticks),
+        "SENSE_SCALE": decimal(identity.sense_scale_V),
+        "DRIVE_SCALE": decimal(identity.drive_scale_mps2),
+        "DRIVE_LIMIT": decimal(drive_limit_of(bench, identity) * identity.drive_scale_mps2),
+        "ENERGY": decimal(bench.limits.energy_error),
+        "QUADRATURE": decimal(bench.limits.quadrature),
+    }
+    texts = files_of(made(), facts, place, float32=float32)
+    texts["golden.h"] = _golden_text(golden(made(), _SAMPLES, _QUIET), *_TOLERANCES[float32])
+    for name in ("test_golden.c", "Makefile"):
+        texts[name] = filled(name, {})
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        write_text(folder / name, text)
+    taken = sizes(folder)
+    told = (
+        ""
+        if taken is None
+        else (f"\nOn a Cortex-M7 at -O2: {taken.flash_bytes} bytes of code, {taken.struct_bytes} of memory.\n")
+    )
+    values = {"TITLE": title, "PRODUCT": _product(), "BENCH": place, "SAMPLES": str(_SAMPLES), "SIZES": told}
+    write_text(folder / "README.txt", filled("README.txt", values))
+    return Generated(folder, (*texts, "README.txt"), taken)
+
+
+def _product() -> str:
+    from importlib.metadata import version
+
+    return version("gyrohil")
+
+
+def _golden_text(vectors: Golden, angle_rad: float, state: float) -> str:
+    """golden.h."""
+    n = len(vectors.angle)
+    heads = {
+        "GOLDEN_VERSION": f"{INTERFACE}u", "GOLDEN_SAMPLES": n, "GOLDEN_QUIET": vectors.quiet,
+        "GOLDEN_ANGLE_RAD": decimal(angle_rad), "GOLDEN_STATE": decimal(state),
+    }  # fmt: skip
+    lines = [f"#define {name} {value}" for name, value in heads.items()]
+    for name in ("sense", "applied", "drive"):
+        lines.append(f"static const int32_t golden_{name}[{n}][2] = {{")
+        lines += ["    " + ", ".join(f"{{{x}, {y}}}" for x, y in part) + "," for part in _parts(getattr(vectors, name))]
+        lines.append("};")
+    for name in ("angle", "state", "deviation"):
+        values = getattr(vectors, name)
+        lines.append(f"static const double golden_{name}[{len(values)}] = {{")
+        lines += ["    " + ", ".join(repr(float(value)) for value in part) + "," for part in _parts(values)]
+        lines.append("};")
+    head = "/* Codes sensed, applied and answered; angle in rad; state after the last sample, SI. */"
+    return "\n".join([head, "#include <stdint.h>", "", *lines, ""])
+
+
+def _parts(values: NDArray[np.generic]) -> list[NDArray[np.generic]]:
+    return [values[at : at + 5] for at in range(0, len(values), 5)]

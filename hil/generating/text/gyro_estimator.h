@@ -1,0 +1,89 @@
+/* @TITLE@
+ *
+ * Written by `hil generate` of gyrohil @PRODUCT@ from @BENCH@; not to be edited: change the bench file and write it again.
+ *
+ * C99, without allocation or global variables. All that changes from sample to sample is in one struct, which may be
+ * copied as it is. @REAL@
+ *
+ *     static gyro_estimator estimator;
+ *     gyro_estimator_init(&estimator);
+ *     at every sample:  estimator_step(&estimator, sense_V, applied_mps2, 1, drive_mps2, &angle_rad);
+ */
+#ifndef GYRO_ESTIMATOR_H
+#define GYRO_ESTIMATOR_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Of this interface. */
+#define GYRO_ESTIMATOR_VERSION @VERSION@u
+
+typedef @TYPE@ gyro_real;
+typedef @WHOLE@ gyro_whole;
+
+#define GYRO_SAMPLE_RATE_HZ @SAMPLE_RATE@ /* of the calls */
+#define GYRO_LATENCY @LATENCY@           /* samples from one to the interval in which the drive computed from it acts */
+#define GYRO_SENSE_SCALE_V @SENSE_SCALE@ /* volts of a sense code */
+#define GYRO_DRIVE_SCALE_MPS2 @DRIVE_SCALE@ /* force per mass of a drive code, m/s2 */
+#define GYRO_DRIVE_LIMIT_MPS2 @DRIVE_LIMIT@ /* no drive is larger */
+
+/* Entries of the state. */
+enum { GYRO_X, GYRO_VX, GYRO_Y, GYRO_VY, GYRO_PHI_X, GYRO_PHI_Y, GYRO_RATE, GYRO_KXX, GYRO_KYY, GYRO_KXY, GYRO_DXX,
+       GYRO_DYY, GYRO_DXY@COEFFICIENT_NAMES@, GYRO_STATES };
+
+/* Private, scaled: time by the resonance, length by the amplitude. */
+@STRUCTS@
+typedef struct gyro_estimator {
+    gyro_memory memory;
+    gyro_output row;
+    gyro_workspace work;
+    gyro_real x[@TOTAL@];
+    gyro_real p[@COVARIANCE@];
+@SECOND@} gyro_estimator;
+
+/* SI. A deviation below 0: declared, not estimated. */
+typedef struct gyro_estimate {
+    gyro_real state[GYRO_STATES];     /* @UNITS@ */
+    gyro_real deviation[GYRO_STATES]; /* standard deviations, the same units */
+    gyro_real innovation_V[2];        /* measured less predicted, of the last sample */
+    gyro_real innovation_deviation_V[2];
+    @ANGLE@ angle_rad;           /* rotation since the start, unwrapped; the turn that forces caused is taken off */
+    gyro_real angle_deviation_rad; /* by estimation alone, since @REFERENCE@ s */
+    gyro_real energy_ratio;        /* energy of the vibration over its set point */
+    gyro_real quadrature_ratio;    /* quadrature over the energy */
+    int valid;                     /* both within the limits of the bench file: the angle means something */
+} gyro_estimate;
+
+/* GYRO_ESTIMATOR_VERSION and sizeof (gyro_estimator) of what was compiled: both must be the caller's. */
+unsigned gyro_estimator_version(void);
+size_t gyro_estimator_size(void);
+
+void gyro_estimator_init(gyro_estimator *estimator);
+
+/* The observer: sense_V sampled at tick m (NaN: none), applied_mps2 held over the interval that ends at m. */
+void observer_step(gyro_estimator *estimator, const gyro_real sense_V[2], const gyro_real applied_mps2[2]);
+
+/* The controller: the drive for the interval that begins at m + GYRO_LATENCY, in whole codes of GYRO_DRIVE_SCALE_MPS2
+ * and within the limit. drive_on: whether it will be applied; without, it is zero. */
+void controller_step(gyro_estimator *estimator, int drive_on, gyro_real drive_mps2[2]);
+
+/* The two, and the angle. */
+void estimator_step(gyro_estimator *estimator, const gyro_real sense_V[2], const gyro_real applied_mps2[2],
+                    int drive_on, gyro_real drive_mps2[2], gyro_real *angle_rad);
+
+/* The same from codes to codes; this is what the bench computes in its loop, to the last bit where gyro_real is double. */
+void estimator_step_codes(gyro_estimator *estimator, const int32_t sense[2], const int32_t applied[2], int drive_on,
+                          int32_t drive[2]);
+
+/* What the last step estimated. */
+void gyro_estimator_read(const gyro_estimator *estimator, gyro_estimate *estimate);
+
+#ifdef __cplusplus
+}
+#endif
+
+#endif

@@ -1,0 +1,59 @@
+"""`hil.generate`: the estimator of a bench file as C for a board."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hil.bench import Bench
+from hil.bench import load_bench as bench_at
+from hil.declared import identity_at
+from hil.library.places import bench_file, path_of
+from hil.library.words import said_of_arguments
+from hil.wire.messages import Identity
+from hil.wire.spec import SPEC
+
+if TYPE_CHECKING:
+    from hil.generating.generate import Generated
+
+_BITS = 16
+
+
+@said_of_arguments()
+def generate(
+    bench: Bench | Path | str,
+    *,
+    out: Path | str,
+    link: str | None = None,
+    latency: int = 1,
+    sense_scale: float | None = None,
+    drive_scale: float | None = None,
+    float32: bool = False,
+) -> "Generated":
+    """Write observer, control law and angle of a bench as C99 into the folder `out`, with golden vectors and a test.
+
+    link: a board whose codes and latency are taken; without one they are latency [samples], sense_scale [V per code]
+    and drive_scale [m/s² per code], by default those of converters of 16 bits.  Raises InputError for a bench that is
+    no two-axis gyro's, or has an effect that cannot be written.
+    """
+    from hil.generating.generate import generate as write
+
+    declared, place = (bench, "the bench") if isinstance(bench, Bench) else _loaded(bench)
+    identity = identity_at(link) if link is not None else _assumed(declared, latency, sense_scale, drive_scale)
+    return write(declared, place, identity, path_of("out", out), float32=float32)
+
+
+def _loaded(name: Path | str) -> tuple[Bench, str]:
+    found = bench_file("bench", name, "the path of a bench file, or the name of an example")
+    return bench_at(found), found.name
+
+
+def _assumed(bench: Bench, latency: int, sense_scale: float | None, drive_scale: float | None) -> Identity:
+    """A board with converters of 16 bits, whose sense range is four amplitudes."""
+    sense, full = bench.device.sense, 1 << (_BITS - 1)
+    volts = 4.0 * bench.device.amplitude_m * max(abs(gain) for gain in sense.gain_V_per_m)
+    return Identity(
+        protocol=SPEC.protocol, spec_hash=SPEC.hash, unique_id=0, firmware=0,
+        tick_rate_Hz=bench.device.sample_rate_Hz, axes=bench.device.axes, sense_bits=_BITS, drive_bits=_BITS,
+        sense_scale_V=volts / full if sense_scale is None else sense_scale,
+        drive_scale_mps2=float(bench.device.drive_full_scale_mps2) / full if drive_scale is None else drive_scale,
+        latency_ticks=latency, capabilities=0,
+    )  # fmt: skip

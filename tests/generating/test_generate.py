@@ -1,0 +1,122 @@
+"""`hil generate`: what it writes computes what the bench computes, and is clean C."""
+
+import ctypes
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hil
+from estimator.observer import Observer
+from hil.bench import load_bench, override
+from hil.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.errors import InputError
+from hil.generating.golden import golden
+from hil.library.generating import _assumed
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+STRICT = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wdouble-promotion"]
+SANITIZED = ["-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+
+BENCHES = {
+    "full": {},
+    "EKF": {"observer": {"gain": "ekf"}},
+    "sense": {"observer": {"variant": "sense"}},
+    "gyro": {"observer": {"variant": "gyro"}},
+    "effects": {"effects": {"cubic_stiffness": {}, "drive_gain": {}}},
+}
+FLOAT32 = [(name, True) for name in BENCHES if name != "EKF"]
+
+
+def compiled(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run the golden test, compiled with every warning as an error."""
+    program = folder / "test"
+    sources = [folder / "test_golden.c", folder / "gyro_estimator.c"]
+    subprocess.run(["cc", *STRICT, *options, "-o", program, *sources, "-lm"], check=True)
+    return subprocess.run([program], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize(("name", "float32"), [*((name, False) for name in BENCHES), *FLOAT32])
+@pytest.mark.slow
+def test_the_golden_test_passes_under_sanitizers(name: str, float32: bool, tmp_path: Path) -> None:
+    bench = override(load_bench(EXAMPLES / "s-slow.bench.toml"), BENCHES[name], "test")
+    hil.generate(bench, out=tmp_path, float32=float32)
+    done = compiled(tmp_path, *SANITIZED)
+    assert (done.returncode, done.stderr) == (0, ""), done.stdout
+    if not float32:
+        assert "drive codes that differ: 0," in done.stdout
+
+
+@pytest.mark.slow
+def test_double_is_the_bench_to_the_last_bit(tmp_path: Path) -> None:
+    bench = load_bench(EXAMPLES / "s-slow.bench.toml")
+    hil.generate(bench, out=tmp_path)
+    library = tmp_path / "library.so"
+    subprocess.run(["cc", *STRICT, "-shared", "-fPIC", "-o", library, tmp_path / "gyro_estimator.c", "-lm"], check=True)
+    theirs = ctypes.CDLL(str(library))
+    theirs.gyro_estimator_size.restype = ctypes.c_size_t
+    estimator = ctypes.create_string_buffer(theirs.gyro_estimator_size())
+    theirs.gyro_estimator_init(estimator)
+    observer = Observer(
+        board_device_of(bench),
+        observer_settings_of(bench),
+        controller_settings_of(bench, _assumed(bench, 1, None, None)),
+    )
+    vectors = golden(observer, 3000, 300)
+    two = ctypes.c_int32 * 2
+    drive = two()
+    for m in range(len(vectors.angle)):
+        sense, applied = (two(*map(int, rows[m])) for rows in (vectors.sense, vectors.applied))
+        theirs.estimator_step_codes(estimator, sense, applied, int(m >= vectors.quiet), drive)
+        assert tuple(drive) == tuple(vectors.drive[m])
+    estimate = (ctypes.c_double * 33)()
+    theirs.gyro_estimator_read(estimator, estimate)
+    assert np.array_equal(estimate[:13], vectors.state)
+    assert np.array_equal(estimate[13:26], vectors.deviation)
+    assert estimate[30] == vectors.angle[-1]
+
+
+def test_only_the_effects_declared_are_written(tmp_path: Path) -> None:
+    bench = load_bench(EXAMPLES / "s-slow.bench.toml")
+    for name, effects in (("plain", {}), ("cubic", {"effects": {"cubic_stiffness": {}}})):
+        hil.generate(override(bench, effects, "test"), out=tmp_path / name)
+    plain, cubic = ((tmp_path / name / "gyro_estimator.c").read_text() for name in ("plain", "cubic"))
+    assert "case 0: { /* " not in plain
+    assert cubic.count("case 0: { /* cubic_stiffness */") == 1
+    assert "case 1: {" not in cubic
+
+
+def test_a_header_of_another_version_is_told_in_one_line(tmp_path: Path) -> None:
+    hil.generate(load_bench(EXAMPLES / "s-slow.bench.toml"), out=tmp_path)
+    header = tmp_path / "gyro_estimator.h"
+    header.write_text(header.read_text().replace("GYRO_ESTIMATOR_VERSION 1u", "GYRO_ESTIMATOR_VERSION 2u"))
+    done = subprocess.run(
+        ["cc", "-c", "-o", "/dev/null", tmp_path / "test_golden.c"], capture_output=True, text=True, check=False
+    )
+    assert "golden.h is of another version than gyro_estimator.h: generate both again" in done.stderr
+
+
+def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
+    plain = override(load_bench(EXAMPLES / "s-slow.bench.toml"), BENCHES["EKF"], "test")
+    with pytest.raises(InputError, match="loses a deviation within seconds in numbers of 32 bits"):
+        hil.generate(plain, out=tmp_path, float32=True)
+    with pytest.raises(InputError, match="axes = 1: only the estimator of a gyro"):
+        hil.generate("silverbox", out=tmp_path)
+    bench = load_bench(EXAMPLES / "s-slow.bench.toml")
+    warm = override(bench, {"effects": {"temperature_stiffness": {}}}, "test")
+    with pytest.raises(InputError, match=r"\[effects.temperature_stiffness\] depends on the temperature"):
+        hil.generate(warm, out=tmp_path)
+
+
+def test_the_command_writes_the_folder_and_keeps_one_that_exists(tmp_path: Path) -> None:
+    out = tmp_path / "estimator"
+    command = [sys.executable, "-m", "hil", "generate", "s-slow", "--out", str(out)]
+    assert subprocess.run(command, capture_output=True, text=True, check=False).returncode == 0
+    assert {path.name for path in out.iterdir()} == {
+        "gyro_estimator.h", "gyro_estimator.c", "golden.h", "test_golden.c", "Makefile", "README.txt",
+    }  # fmt: skip
+    again = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert again.returncode == 2
+    assert "exists already; give another name, or --replace" in again.stderr
