@@ -104,10 +104,11 @@ EXPORTED void gyro_gather_gains(Estimator *estimator, const Gathering *gathering
 {
     const Arrays *arrays = &estimator->arrays;
     Constants constants = constants_of(arrays);
-    Estimate estimate = estimate_of(arrays);
+    Estimate estimate = widened(estimator);
     Course course = {gathering->rotation, gathering->h, gathering->settle, gathering->samples};
     gather_gains(arrays->settings, arrays->active, arrays->count, &constants, &estimate, &course,
                  workspace_of(estimator), arrays->angles, arrays->phases, gathering->total, gathering->weight);
+    settle(estimator, &estimate);
 }
 
 #include "entries_trace.h"

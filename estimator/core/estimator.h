@@ -157,10 +157,11 @@ static inline void observer_step(Estimator *estimator, const real *z, const real
     const Arrays *arrays = &estimator->arrays;
     Constants constants = constants_of(arrays);
     Table table = table_of(arrays);
-    Estimate estimate = estimate_of(arrays);
+    Estimate estimate = widened(estimator);
     Sample sample = {z, u, 1, arrays->settings->h};
     advance_filter(arrays->settings, arrays->active, arrays->count, &constants, &table, &estimate, &sample,
                    workspace_of(estimator), arrays->rows);
+    settle(estimator, &estimate);
 }
 
 /* The controller (9): the newest estimate's drive codes (2,), for the interval `latency` samples ahead. */

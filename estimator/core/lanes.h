@@ -25,6 +25,11 @@ static inline four add4(four a, four b)
     return a + b;
 }
 
+static inline four sub4(four a, four b)
+{
+    return a - b;
+}
+
 static inline four scale4(real factor, four a)
 {
     return factor * a;
@@ -55,6 +60,11 @@ static inline void put4(real *to, four a)
 static inline four add4(four a, four b)
 {
     return (four){{a.lane[0] + b.lane[0], a.lane[1] + b.lane[1], a.lane[2] + b.lane[2], a.lane[3] + b.lane[3]}};
+}
+
+static inline four sub4(four a, four b)
+{
+    return (four){{a.lane[0] - b.lane[0], a.lane[1] - b.lane[1], a.lane[2] - b.lane[2], a.lane[3] - b.lane[3]}};
 }
 
 static inline four scale4(real factor, four a)

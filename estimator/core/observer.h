@@ -113,9 +113,8 @@ static inline void propagate(real *p, whole n, whole width, const real *g, whole
         }
     }
     if (factor != R(1.0))
-        for (whole i = 0; i < n; i++)
-            for (whole j = 0; j < n; j++)
-                p[i * width + j] *= factor;
+        for (whole i = 0; i < n * width; i += 4)
+            put4(p + i, scale4(factor, take4(p + i)));
 }
 
 /* Force noise on the velocities, random walks on the constants; the rate's moves the velocities, too (Euler's term). */
@@ -159,8 +158,8 @@ static inline void project(const real *p, whole n, whole width, const real *jaco
         for (whole j = 0; j < n; j++) {
             real w = jacobian[a * n + j];
             if (w != R(0.0)) /* few are not */
-                for (whole i = 0; i < n; i++)
-                    of_a[i] += w * p[j * width + i];
+                for (whole i = 0; i < width; i += 4)
+                    put4(of_a + i, add4(take4(of_a + i), scale4(w, take4(p + j * width + i))));
         }
     }
 }
@@ -257,10 +256,11 @@ static inline real fading_factor(const Settings *settings, const Memory *memory)
 static inline void subtract_products(real *p, whole n, whole width, const real *k, const real *w)
 {
     for (whole i = 0; i < n; i++) {
-        real ki = k[i], wi = w[i];
         real *row = p + i * width;
-        for (whole j = 0; j < n; j++)
-            row[j] -= ki * w[j] + wi * k[j];
+        for (whole j = 0; j < width; j += 4) {
+            four products = add4(scale4(k[i], take4(w + j)), scale4(w[i], take4(k + j)));
+            put4(row + j, sub4(take4(row + j), products));
+        }
     }
 }
 
@@ -272,8 +272,10 @@ static inline void joseph(real *p, whole n, whole width, const real *jacobian, c
 {
     real *w0 = scratch, *w1 = scratch + width, *k0 = scratch + 2 * width, *k1 = scratch + 3 * width;
     project(p, n, width, jacobian, channels, scratch);
-    for (whole i = 0; i < n; i++)
-        k0[i] = gain[2 * i];
+    for (whole i = 0; i < width; i++) { /* zeros behind the last, as in p */
+        k0[i] = i < n ? gain[2 * i] : R(0.0);
+        k1[i] = i < n && channels == 2 ? gain[2 * i + 1] : R(0.0);
+    }
     real s00 = noise[0];
     for (whole j = 0; j < n; j++)
         s00 += jacobian[j] * w0[j];
@@ -287,21 +289,26 @@ static inline void joseph(real *p, whole n, whole width, const real *jacobian, c
     for (whole j = 0; j < n; j++) {
         s01 += jacobian[j] * w1[j];
         s11 += jacobian[n + j] * w1[j];
-        k1[j] = gain[2 * j + 1];
     }
     for (whole i = 0; i < n; i++) {
         w0[i] -= R(0.5) * (s00 * k0[i] + s01 * k1[i]);
         w1[i] -= R(0.5) * (s01 * k0[i] + s11 * k1[i]);
     }
-    subtract_products(p, n, width, k0, w0);
-    subtract_products(p, n, width, k1, w1);
+    for (whole i = 0; i < n; i++) { /* as subtract_products twice, in one pass over p */
+        real *row = p + i * width;
+        for (whole j = 0; j < width; j += 4) {
+            four first = add4(scale4(k0[i], take4(w0 + j)), scale4(w0[i], take4(k0 + j)));
+            four second = add4(scale4(k1[i], take4(w1 + j)), scale4(w1[i], take4(k1 + j)));
+            put4(row + j, sub4(sub4(take4(row + j), first), second));
+        }
+    }
 }
 
 /* Joseph update of p for a direct measurement of entry `row` with variance `noise` and any gain (n,); scratch (n,). */
 static inline void rank_one(real *p, whole n, whole width, whole row, const real *gain, real noise, real *scratch)
 {
     real half = R(0.5) * (p[row * width + row] + noise);
-    for (whole i = 0; i < n; i++)
+    for (whole i = 0; i < width; i++)
         scratch[i] = p[row * width + i] - half * gain[i];
     subtract_products(p, n, width, gain, scratch);
 }
@@ -321,10 +328,10 @@ static inline void recall_initial(const Settings *settings, const whole *active,
     real *gain = scratch;
     real share = R(1.0) / (p[row * width + row] + noise);
     real pull = initial - x[settings->states + active[index]];
-    for (whole i = 0; i < n; i++) {
+    for (whole i = 0; i < width; i++) /* zeros behind the last, as in p */
         gain[i] = p[row * width + i] * share;
+    for (whole i = 0; i < n; i++)
         x[entry_of(settings, active, i)] += gain[i] * pull;
-    }
     if (settings->axes == 2)
         recall_angle(estimate->memory, settings->two_covariances == 1 ? c : p, n, width, row, gain, noise);
     rank_one(p, n, width, row, gain, noise, scratch + width);

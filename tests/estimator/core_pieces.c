@@ -122,9 +122,35 @@ PIECE void p_holding(const real *c, const real *s, real rotation, real *u)
     holding_force(c, s, rotation, u);
 }
 
+/* A covariance with rows as the core has them, and scratch of that width. */
+typedef struct {
+    whole n;
+    whole width;
+    real p[MAX_ENTRIES * MAX_WIDTH];
+    real scratch[8 * MAX_WIDTH];
+} Wide;
+
+static Wide wide_of(const real *p, whole n)
+{
+    Wide wide = {.n = n, .width = filled_up(n)};
+    widen(p, n, wide.p, wide.width);
+    return wide;
+}
+
+static void put_back(const Wide *wide, real *p)
+{
+    narrow(wide->p, wide->width, p, wide->n);
+}
+
 PIECE void p_propagate(real *p, whole n, whole width, const real *g, whole states, real *scratch, real factor)
 {
-    propagate(p, n, width, g, states, scratch, factor);
+    if (width == filled_up(width)) {
+        propagate(p, n, width, g, states, scratch, factor);
+        return;
+    }
+    Wide wide = wide_of(p, n);
+    propagate(wide.p, n, wide.width, g, states, wide.scratch, factor);
+    put_back(&wide, p);
 }
 
 PIECE void p_process_noise(real *p, whole width, const Settings *settings, real h, const real *s, const whole *active,
@@ -134,20 +160,26 @@ PIECE void p_process_noise(real *p, whole width, const Settings *settings, real 
 }
 
 PIECE real p_kalman_gain(const real *p, whole n, const real *jacobian, const real *noise, whole channels,
-                         const real *nu, real *gain, real *scratch)
+                         const real *nu, real *gain)
 {
-    return kalman_gain(p, n, n, jacobian, noise, channels, nu, gain, scratch);
+    Wide wide = wide_of(p, n);
+    return kalman_gain(wide.p, n, wide.width, jacobian, noise, channels, nu, gain, wide.scratch);
 }
 
-PIECE void p_joseph(real *p, whole n, const real *jacobian, const real *noise, whole channels, const real *gain,
-                    real *scratch)
+PIECE void p_joseph(real *p, whole n, const real *jacobian, const real *noise, whole channels, const real *gain)
 {
-    joseph(p, n, n, jacobian, noise, channels, gain, scratch);
+    Wide wide = wide_of(p, n);
+    joseph(wide.p, n, wide.width, jacobian, noise, channels, gain, wide.scratch);
+    put_back(&wide, p);
 }
 
-PIECE void p_rank_one(real *p, whole n, whole row, const real *gain, real noise, real *scratch)
+PIECE void p_rank_one(real *p, whole n, whole row, const real *gain, real noise)
 {
-    rank_one(p, n, n, row, gain, noise, scratch);
+    Wide wide = wide_of(p, n);
+    real padded[MAX_WIDTH] = {R(0.0)};
+    memcpy(padded, gain, (size_t)n * sizeof *gain);
+    rank_one(wide.p, n, wide.width, row, padded, noise, wide.scratch);
+    put_back(&wide, p);
 }
 
 PIECE real p_measure_two(real *p, whole n, whole width, Memory *memory, Workspace *work)
@@ -161,19 +193,27 @@ PIECE real p_fading(const Settings *settings, const Memory *memory)
 }
 
 PIECE void p_recall_initial(const Settings *settings, const whole *active, whole index, real initial, real noise,
-                            whole n, real *x, real *p, real *c, Memory *memory, real *scratch)
+                            whole n, real *x, real *p, real *c, Memory *memory)
 {
-    Estimate estimate = {n, n, n, x, p, c, memory};
-    recall_initial(settings, active, index, initial, noise, &estimate, scratch);
+    Wide wide = wide_of(p, n), actual = wide_of(c, n);
+    Estimate estimate = {n, wide.width, n, x, wide.p, actual.p, memory};
+    recall_initial(settings, active, index, initial, noise, &estimate, wide.scratch);
+    put_back(&wide, p);
+    if (settings->two_covariances == 1)
+        put_back(&actual, c);
 }
 
 PIECE void p_remember_prior(const Settings *settings, const whole *active, whole count, const real *prior,
                             const real *spread, const real *initial, whole n, real *x, real *p, real *c,
-                            Memory *memory, real *scratch)
+                            Memory *memory)
 {
     Constants constants = {NULL, prior, spread, initial};
-    Estimate estimate = {n, n, n, x, p, c, memory};
-    remember_prior(settings, active, count, &constants, &estimate, scratch);
+    Wide wide = wide_of(p, n), actual = wide_of(c, n);
+    Estimate estimate = {n, wide.width, n, x, wide.p, actual.p, memory};
+    remember_prior(settings, active, count, &constants, &estimate, wide.scratch);
+    put_back(&wide, p);
+    if (settings->two_covariances == 1)
+        put_back(&actual, c);
 }
 
 PIECE void p_add_correction(const Settings *settings, const whole *active, whole n, const real *gain, const real *nu,
@@ -210,9 +250,13 @@ PIECE void p_correct(const Settings *settings, const whole *active, whole count,
 {
     Constants constants = {intensity, prior, spread, initial};
     Table table = {angles, phases, settings->axes, gains};
-    Estimate estimate = {n, n, n, x, p, c, memory};
+    Wide wide = wide_of(p, n), actual = wide_of(c, n);
+    Estimate estimate = {n, wide.width, n, x, wide.p, actual.p, memory};
     Sample sample = {z, u, 1, h};
     correct(settings, active, count, &constants, &table, &estimate, &sample, work);
+    put_back(&wide, p);
+    if (settings->two_covariances == 1)
+        put_back(&actual, c);
 }
 
 PIECE whole p_predict_measurement(const Settings *settings, const whole *active, whole count, Memory *memory,

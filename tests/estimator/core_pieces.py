@@ -184,16 +184,15 @@ def add_process_noise(
 
 
 def kalman_gain(p: Array, h: Array, noise: Array, channels: int, nu: Array, gain: Array) -> float:
-    scratch = np.zeros((2, len(p)))
-    return float(piece("p_kalman_gain", p, len(p), h, noise, channels, nu, gain, scratch, result=ctypes.c_double))
+    return float(piece("p_kalman_gain", p, len(p), h, noise, channels, nu, gain, result=ctypes.c_double))
 
 
-def joseph(p: Array, h: Array, noise: Array, channels: int, gain: Array, scratch: Array) -> None:
-    piece("p_joseph", p, len(p), h, noise, channels, gain, scratch)
+def joseph(p: Array, h: Array, noise: Array, channels: int, gain: Array) -> None:
+    piece("p_joseph", p, len(p), h, noise, channels, gain)
 
 
-def rank_one(p: Array, row: int, gain: Array, noise: float, scratch: Array) -> None:
-    piece("p_rank_one", p, len(p), row, gain, noise, scratch)
+def rank_one(p: Array, row: int, gain: Array, noise: float) -> None:
+    piece("p_rank_one", p, len(p), row, gain, noise)
 
 
 def measure_two(p: Array, memory: Any, work: Workspace) -> float:
@@ -204,17 +203,15 @@ def fading_factor(settings: Any, memory: Any) -> float:
     return float(piece("p_fading", settings, memory, result=ctypes.c_double))
 
 
-def recall_initial(
-    settings: Any, active: Array, index: int, initial: float, noise: float, estimate: Estimate, scratch: Array
-) -> None:
+def recall_initial(settings: Any, active: Array, index: int, initial: float, noise: float, estimate: Estimate) -> None:
     x, p, c, memory = estimate
-    piece("p_recall_initial", settings, active, index, initial, noise, len(p), x, p, c, memory, scratch)
+    piece("p_recall_initial", settings, active, index, initial, noise, len(p), x, p, c, memory)
 
 
-def remember_prior(settings: Any, active: Array, constants: Constants, estimate: Estimate, scratch: Array) -> None:
+def remember_prior(settings: Any, active: Array, constants: Constants, estimate: Estimate) -> None:
     _, prior, spread, initial = constants
     x, p, c, memory = estimate
-    piece("p_remember_prior", settings, active, len(active), prior, spread, initial, len(p), x, p, c, memory, scratch)
+    piece("p_remember_prior", settings, active, len(active), prior, spread, initial, len(p), x, p, c, memory)
 
 
 def add_correction(settings: Any, active: Array, gain: Array, nu: Array, x: Array) -> None:

@@ -115,7 +115,7 @@ def test_josephs_form_holds_for_any_gain(channels: int) -> None:
     h[:channels, [1, 2, 6]] = RANDOM.standard_normal((channels, 3))
     noise = np.array([0.3, 0.7])
     found = p.copy()
-    joseph(found, h, noise, channels, gain, np.zeros((4, n)))
+    joseph(found, h, noise, channels, gain)
     rest = np.eye(n) - gain[:, :channels] @ h[:channels]
     spent = gain[:, :channels] @ np.diag(noise[:channels]) @ gain[:, :channels].T
     np.testing.assert_allclose(found, rest @ p @ rest.T + spent, rtol=1e-11, atol=1e-13)
@@ -127,7 +127,7 @@ def test_a_direct_measurement_is_josephs_form_of_one_entry(row: int) -> None:
     n, noise = 5, 0.4
     p, gain = covariance(n), RANDOM.standard_normal(n)
     found = p.copy()
-    rank_one(found, row, gain, noise, np.zeros(n))
+    rank_one(found, row, gain, noise)
     rest = np.eye(n) - np.outer(gain, np.eye(n)[row])
     np.testing.assert_allclose(found, rest @ p @ rest.T + noise * np.outer(gain, gain), rtol=1e-11, atol=1e-13)
 
@@ -188,7 +188,7 @@ def test_an_initial_value_is_measured_again() -> None:
     a.x[:] = RANDOM.standard_normal(13)
     x, p, c = a.x.copy(), a.p.copy(), a.c.copy()
     recall_initial(
-        a.settings[0], a.active, 3, 0.7, 0.4, Estimate(a.x, a.p, a.c, a.memory[0]), np.zeros((2, 13))
+        a.settings[0], a.active, 3, 0.7, 0.4, Estimate(a.x, a.p, a.c, a.memory[0])
     )  # fmt: skip
     peer = KalmanFilter(dim_x=13, dim_z=1)
     peer.x, peer.P, peer.R, peer.H = x[:, None], p, np.array([[0.4]]), np.eye(13)[[7]]
@@ -213,7 +213,7 @@ def test_one_initial_value_after_the_other_is_recalled_and_what_is_too_wide_at_o
     for turn in (0, 1, 2):
         a.p[:] = np.diag(np.full(13, 0.1))
         a.p[9, 9] = 0.6
-        remember_prior(a.settings[0], a.active, constants, estimate, np.zeros((2, 13)))
+        remember_prior(a.settings[0], a.active, constants, estimate)
         assert a.memory["cursor"][0] == turn
         expected = np.full(13, 0.1)
         if prior[turn] > 0.0:
@@ -221,8 +221,8 @@ def test_one_initial_value_after_the_other_is_recalled_and_what_is_too_wide_at_o
         expected[9] = 0.2  # 1/(1/0.6 + 1/noise) with the noise that makes it so
         np.testing.assert_allclose(np.diagonal(a.p), expected, rtol=1e-12)
     a.memory["cursor"] = 7
-    remember_prior(a.settings[0], a.active, constants, estimate, np.zeros((2, 13)))
-    remember_prior(a.settings[0], a.active, constants, estimate, np.zeros((2, 13)))
+    remember_prior(a.settings[0], a.active, constants, estimate)
+    remember_prior(a.settings[0], a.active, constants, estimate)
     assert a.memory["cursor"][0] == 0  # from the last to the first
 
 
