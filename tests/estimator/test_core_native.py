@@ -10,10 +10,12 @@ import sys
 from pathlib import Path
 
 import pytest
+import sympy as sp
 
 import estimator
 from estimator.core import layout, variant
 from estimator.core.compiler import FLAGS
+from estimator.core.generate.printer import assignments
 from estimator.effects.declaration import Source
 
 ESTIMATOR = Path(estimator.__file__).parent
@@ -80,6 +82,14 @@ def test_c_has_room_for_as_much_as_python_lays_out() -> None:
     text = (CORE / "layout.h").read_text(encoding="utf-8")
     for name in ("MAX_LATENCY", "MAX_EFFECTS", "MAX_SIGNALS", "MAX_SLIPS", "MAX_DEGREE", "MAX_DELAY", "MAX_AXES"):
         assert re.search(rf"#define {name} (\d+)", text)[1] == str(getattr(layout, name)), name  # type: ignore[index]
+
+
+def test_a_condition_that_is_shared_is_no_number() -> None:
+    """As clang wants it, which refuses a number as a condition."""
+    x = sp.Symbol("x")
+    pairs = [(f"const real {name}", sp.Piecewise((scale * x, x > 1), (0, True))) for name, scale in enumerate((2, 3))]
+    named = [line.split(" = ")[0] for line in assignments(pairs, "t")]
+    assert named == ["const int t0", "const real 0", "const real 1"]
 
 
 def test_the_best_library_is_one_that_the_processor_can_run(tmp_path: Path) -> None:

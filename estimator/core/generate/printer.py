@@ -67,11 +67,16 @@ def free_symbols(expressions: Iterable[sp.Expr]) -> set[sp.Basic]:
     return set().union(*(sp.sympify(e).free_symbols for e in expressions))
 
 
+def _kind(expression: sp.Expr) -> str:
+    """Of a name for it: what a condition says is no number."""
+    return "int" if isinstance(expression, sp.logic.boolalg.Boolean) and not expression.is_Symbol else "real"
+
+
 def assignments(pairs: Iterable[tuple[str, sp.Expr]], prefix: str) -> list[str]:
     """Lines that declare a name for each expression, common subexpressions first, as `prefix` and a number."""
     named = list(pairs)
     shared, reduced = sp.cse([e for _, e in named], symbols=sp.numbered_symbols(prefix))
-    lines = [f"const real {symbol} = {written(e)};" for symbol, e in shared]
+    lines = [f"const {_kind(e)} {symbol} = {written(e)};" for symbol, e in shared]
     return lines + [f"{name} = {written(e)};" for (name, _), e in zip(named, reduced, strict=True)]
 
 
