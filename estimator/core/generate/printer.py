@@ -9,11 +9,8 @@ _MOST_PRODUCTS = 8
 _FUNCTIONS = {"sin": "SIN", "cos": "COS", "tanh": "TANH", "exp": "EXP", "log": "LOG", "sqrt": "SQRT", "Abs": "FABS"}
 
 
-class _Printer(C99CodePrinter):
+class _Printer(C99CodePrinter):  # type: ignore[misc]  # SymPy has no types
     """Literals by the macro R, small powers as products, functions by the names of layout.h."""
-
-    def __init__(self) -> None:
-        super().__init__({"user_functions": {name: name for name in ()}})
 
     def _print_Float(self, number: sp.Float) -> str:
         return f"R({float(number)!r})"
