@@ -74,8 +74,8 @@ def signatures(linear: Linear, reference: Array, followed: Followed, pushed: Arr
     """What unit coefficients make of the innovations (n, axes, columns): pushed (n, states, columns), sensed (n, axes,
     columns).
     """
-    out = np.zeros(sensed.shape)
-    n, axes, columns = out.shape
+    n, axes, columns = sensed.shape
+    out = np.zeros((n, axes, columns))
     m = followed.gain.shape[1]
     LIBRARY.gyro_force_signatures(
         _FILTER(n=n, axes=axes, states=linear.states, followed=m, **_steps(linear, reference), gain=followed.gain),

@@ -97,7 +97,7 @@ def _pass(
     over = Settled(
         transition=settled.parts.transition, by_rate=linear.by_rate, turning=linear.turning[rows], added=added[rows],
         sense=linear.sense[rows] - linear.offset, seen=settled.parts.seen, gain=settled.gain, start=start,
-        weight=np.linalg.inv(settled.spread), covariance=settled.covariance,
+        weight=np.asarray(np.linalg.inv(settled.spread), dtype=float), covariance=settled.covariance,
     )  # fmt: skip
     over.forward()
     if smooth:
