@@ -16,6 +16,7 @@ from pydantic import Field, model_validator
 
 from device_emulator.native import rate_at
 from device_emulator.section import Positive, PositiveOrInf, ScenarioError, Section
+from hil.wire.regular_file import what_instead
 
 PIECE = np.dtype(
     [
@@ -170,6 +171,8 @@ def _line(t0: float, r0: float, t1: float, r1: float) -> Row:
 
 def _read(path: Path) -> list[Row]:
     try:
+        if kind := what_instead(path):
+            raise ScenarioError(f"{path}: is {kind}; give a CSV file")
         lines = path.read_text().splitlines()
     except OSError as error:
         raise ScenarioError(f"{path}: cannot read the rate file ({error.strerror})") from None

@@ -32,6 +32,7 @@ from device_emulator.section import (
     did_you_mean,
 )
 from device_emulator.temperature import Temperature
+from hil.wire.regular_file import what_instead
 from hil.wire.toml_bounds import MOST_BYTES, beyond
 
 MAX_LATENCY_SAMPLES = 64
@@ -230,6 +231,8 @@ def load(path: Path, *, latency_ticks: int | None = None, rate_Hz: float | None 
     Raises `ScenarioError`: one line with file, key and what was expected.
     """
     try:
+        if kind := what_instead(path):
+            raise ScenarioError(f"{path}: is {kind}; give a TOML file")
         with path.open("rb") as file:
             raw = file.read(MOST_BYTES + 1)
     except OSError as error:

@@ -13,6 +13,7 @@ from typing import Any, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import InputError
+from hil.wire.regular_file import what_instead
 from hil.wire.toml_bounds import MOST_BYTES, beyond
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -38,6 +39,8 @@ def read_toml(path: Path, model: type[Model]) -> Model:
 def read_table(path: Path) -> dict[str, Any]:
     """The file at ``path`` as plain tables; `InputError` when it is not TOML."""
     try:
+        if kind := what_instead(path):
+            raise InputError(f"{path}: is {kind}; give a TOML file")
         with path.open("rb") as file:
             raw = file.read(MOST_BYTES + 1)
     except OSError as error:

@@ -51,7 +51,8 @@ def fresh(target: Path, *, replace: bool = False, source: Path | None = None) ->
     if source is not None and source.exists() and target.samefile(source):
         raise InputError(f"{target}: is what is read; give another name")
     require_unowned(target)
-    if not (replace and target.is_file()):
-        remedy = "give another name" if target.is_dir() else "give another name, or --replace"
-        raise InputError(f"{target}: exists already; {remedy}")
+    if not target.is_file():
+        raise InputError(f"{target}: exists already; give another name")
+    if not replace:
+        raise InputError(f"{target}: exists already; give another name, or --replace")
     return target

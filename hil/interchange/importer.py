@@ -24,6 +24,7 @@ from hil.interchange.source import Selection, Source, Table, Wanted
 from hil.interchange.suspicious import require_finite, require_measured, require_no_thousands
 from hil.interchange.text_source import TextSource
 from hil.records.capture import Capture, Hold, import_layout, read_capture
+from hil.wire.regular_file import what_instead
 
 PLAIN = RecordMap(hold="zoh")
 """What is done without a map."""
@@ -81,6 +82,12 @@ def import_file(
 
 def open_source(path: Path, mapping: RecordMap, map_file: Path | None) -> ParquetSource | MatlabSource | TextSource:
     """The file at `path` as a source. Raises InputError for a key of the map that has no meaning for its kind."""
+    try:
+        kind = what_instead(path)
+    except OSError:
+        kind = None  # the source says why it cannot be read
+    if kind is not None:
+        raise InputError(f"{path}: is {kind}, and only files are imported; copy what it gives into one")
     if is_parquet(path):
         require_keys_act(mapping, ParquetSource.kind, str(path), map_file)
         return ParquetSource(path)

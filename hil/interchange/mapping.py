@@ -49,6 +49,7 @@ def _not_zero(value: float) -> float:
 Name = Annotated[str | int, BeforeValidator(_name_or_position)]
 Unit = Annotated[str, AfterValidator(one_spelling)]
 Factor = Annotated[float, AfterValidator(_not_zero)]
+LONGEST_COMMENT = 8
 SLOWEST_HZ, FASTEST_HZ = 1e-6, 1e9
 """What a sampling rate lies between: a sample in twelve days, and one in a nanosecond."""
 
@@ -162,7 +163,7 @@ class RecordMap(_Table):
         default='"', description='what a cell may stand between; "" where such marks are letters'
     )
     decimal: Literal[".", ","] | None = Field(default=None, description="what stands before decimals; a point")
-    comment: Annotated[str, Field(min_length=1, max_length=8)] | None = Field(
+    comment: Annotated[str, Field(min_length=1, max_length=LONGEST_COMMENT)] | None = Field(
         default=None, description="lines that begin so are left out, as # or %"
     )
     skip_lines: Annotated[int, Field(ge=0)] = Field(default=0, description="lines before the header")

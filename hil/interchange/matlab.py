@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.interchange.mapping import Name
+from hil.interchange.matlab_whole import missing_bytes
 from hil.interchange.read_back import Exported, exported_in
 from hil.interchange.source import Selection, Table, Values, Wanted, kept_rows, numbers
 from hil.strict_toml import near_or_all
@@ -36,6 +37,9 @@ class MatlabSource:
         self._columns: list[Values] = []
         self._expressions: list[str] = []
         self._there = self._shapes()
+        if missing := missing_bytes(path):
+            size = path.stat().st_size
+            raise InputError(f"{path}: is cut: it has {size} bytes and declares {size + missing}; fetch it again")
 
     @property
     def names(self) -> Sequence[str]:
@@ -183,14 +187,23 @@ class MatlabSource:
         if value.dtype.kind == "U" and value.size > 1:
             return np.array([str(row).strip() for row in value.ravel()], dtype=object)
         if value.size != max(value.shape, default=0) or value.dtype.kind not in "fiub":
-            remedy = ""
-            if value.ndim == 2 and value.dtype.kind in "fiu" and min(value.shape) > 1:
-                one = f"{expression}(:,1)" if value.shape[0] >= value.shape[1] else f"{expression}(1,:)"
-                remedy = f"; give one of its columns, as {one}"
-            raise InputError(
-                f"{self.path}: variable {expression}: {value.shape} {value.dtype} is no vector of real numbers{remedy}"
-            )
+            raise InputError(f"{self.path}: variable {expression} {_no_vector(value, expression)}")
         return np.ravel(value)
+
+
+def _no_vector(value: npt.NDArray[Any], expression: str) -> str:
+    """What a variable is that is no vector of real numbers, and what to do."""
+    if value.dtype.kind == "c":
+        return "is complex; save its real part, its imaginary part or its magnitude as a variable"
+    if value.dtype.kind == "U":
+        return "is text; give a variable of numbers"
+    if value.dtype == object and value.ndim == 0:  # SciPy's sparse matrices are no arrays
+        return f"is sparse; save full({expression})"
+    if value.dtype == object:
+        return f"is a cell array; give one of its cells, as {expression}{{1}}"
+    columns = value.ndim > 2 or value.shape[0] >= value.shape[-1]
+    index = ",".join([":", *"1" * (value.ndim - 1)] if columns else ["1", ":"])
+    return f"is {_shape(value)}; give one of its {'columns' if columns else 'rows'}, as {expression}({index})"
 
 
 def _shape(value: npt.NDArray[Any]) -> str:

@@ -80,8 +80,13 @@ a column has whole numbers of up to three digits, and else numbers with exactly 
 byte order mark (UTF-8, UTF-16) needs no `encoding`.
 
 **MATLAB.** `column` is a name as MATLAB writes it: `t`, `imu.gyro(:,3)`, `log.signals.values(:,2)`, `runs(2).x`.
+A file that has not all bytes that it declares is refused.
 
-**Parquet.** `column` is a name, of a struct `imu.gyro`, or a position. Only columns that are asked for are read;
+**Files** are regular ones: a pipe or a device is refused. A line of more than 4 MB, and beyond 256 MB a gzipped text of
+more than 200 times its size, are as well.
+
+**Parquet.** `column` is a name, of a struct `imu.gyro`, or a position among the columns, of which a struct is one.
+Only columns that are asked for are read;
 without a map those that are no channels are left out, and told.
 """
 
@@ -196,6 +201,7 @@ _ERRORS = """
 | is read as one cell a line | `delimiter = ";"`, `"\\t"`, or `" "` for runs of blanks: the message names what it saw |
 | has lines before its header | `skip_lines = 3`, or `comment = "%"` where they begin so |
 | has a line of units below its header | `units_row = true`; refused where that line holds numbers |
+| has its header again within | `comment = "Time/ms"` as the header begins, `header = false`, and positions |
 | has two columns of one name | `column = 3`, its position |
 | has a quote that is a letter | `quote = ""` |
 | is not UTF-8 | `encoding = "cp1252"`, or `"utf-16"` |

@@ -37,7 +37,8 @@ class ParquetSource:
         self._schema = schema = self._told(lambda pq: pq.ParquetFile(path).schema_arrow)
         self.metadata: Mapping[bytes, bytes] = schema.metadata or {}
         self._leaves = [leaf for field in schema for leaf in _leaves(field, field.name)]
-        self._repeated = len(set(schema.names)) < len(schema.names)
+        self._columns = [at for at, field in enumerate(schema) for _ in _leaves(field, field.name)]
+        """of each leaf the position of its column"""
 
     @property
     def names(self) -> Sequence[str]:
@@ -60,7 +61,17 @@ class ParquetSource:
         return exported_in(self.metadata.get(HEADER_KEY, b""), {name: name for name in self.names}, units)
 
     def locate(self, name: Name) -> int:
-        """The position of a column from 0."""
+        """The position of a leaf from 0. A position in a map counts columns, of which a struct is one."""
+        columns = self._schema.names
+        if isinstance(name, int) or (name in columns and name not in self.names):
+            at = position(name, columns, self.called)
+            if columns[at] not in self.names:
+                fields = ", ".join(self.names[leaf] for leaf, column in enumerate(self._columns) if column == at)
+                what = f"column {name} is the struct {columns[at]}" if isinstance(name, int) else f"{name} is a struct"
+                raise InputError(f"{self.called}: {what}; give one of its fields: {fields or 'it has none'}")
+            return self._columns.index(at)
+        if self.names.count(name) > 1 and name in columns:
+            position(name, columns, self.called)  # raises, with the positions of columns
         return position(name, self.names, self.called)
 
     def read(self, wanted: Sequence[Wanted], selection: Selection) -> Table:
@@ -81,7 +92,8 @@ class ParquetSource:
             if pa.types.is_decimal(kind):
                 array, kind = array.cast(pa.float64(), safe=False), pa.float64()
             if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
-                raise InputError(f"{self.path}: column {self.names[one.at]}: {kind} is no number; leave the column out")
+                called = f"{self.path}: column {self.names[one.at]}"
+                raise InputError(f"{called}: {kind} is no number; map another column, or write it as numbers")
             values = np.asarray(array.to_numpy(zero_copy_only=False))[rows]
             if one.is_time:
                 columns.append(values)
@@ -117,8 +129,11 @@ class ParquetSource:
             arrays = {}
             for index in used:
                 name = self._leaves[index][0]
-                parts = name.split(".") if name not in table.column_names else [name]
-                column = table.column(parts[0]).combine_chunks()
+                top = self._schema.names[self._columns[index]]
+                same = [at for at, other in enumerate(self._schema.names) if other == top]
+                parts = [top, *(name.removeprefix(top + ".").split(".") if name != top else ())]
+                read = table.schema.get_all_field_indices(top)
+                column = table.column(read[same.index(self._columns[index])]).combine_chunks()
                 for part in parts[1:]:
                     column = pc.struct_field(column, part)
                 column = column.combine_chunks() if hasattr(column, "combine_chunks") else column

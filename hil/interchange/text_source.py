@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hil.bench.toml import toml_value
 from hil.errors import InputError
-from hil.interchange.mapping import Name, RecordMap
+from hil.interchange.mapping import LONGEST_COMMENT, Name, RecordMap
 from hil.interchange.source import Selection, Table, Values, Wanted, among, position
 from hil.interchange.text_cells import Cells, NotCells, extra_cells, remedy_for, shown
 from hil.interchange.text_fast import plain_columns
@@ -59,6 +60,16 @@ class TextSource:
     def place(self, row: int, column: str) -> str:
         """File, line and column."""
         return f"{self.path}:{row}: column {column}"
+
+    def header_again(self, cells: Sequence[str]) -> str | None:
+        """What to do about a line that is the header once more; None where it is none."""
+        if not self._mapping.header or [cell.strip() for cell in cells[: self.width]] != list(self.names):
+            return None
+        begins = toml_value(self._cells.delimiter.join(self.names)[:LONGEST_COMMENT].rstrip())
+        return (
+            f"the header stands here again; set comment = {begins}, header = false, and give columns by position: "
+            "lines that begin so are left out"
+        )
 
     def advice(self, ordinary: str) -> str:
         """What the structure of the file asks for, where the map says otherwise."""
@@ -258,6 +269,8 @@ class _Reading:
                 values[row] = number(cells[one.at], one.thousands)
             except ValueError as error:
                 place = self._source.place(lines[row], one.called)
+                if (again := self._source.header_again(cells)) is not None:
+                    raise InputError(f"{place}: {again}") from None
                 ordinary = remedy_for(cells[one.at], mapped=self._source.is_mapped)
                 raise InputError(f"{place}: {error}; {self._source.advice(ordinary)}") from None
         return values

@@ -147,6 +147,9 @@ async def upload(request: Request) -> dict[str, Any]:
         if not announced.isascii() or not announced.isdigit() or len(announced) > 18 or int(announced) > most:
             raise TooLarge(f"larger than the {uploads.most_bytes >> 20} MB that are taken; import it with hil import")
         async with bounded.form(max_files=2, max_fields=4) as form:
+            for part in ("record", "map"):
+                if len(form.getlist(part)) > 1:
+                    raise Problem(422, f"more than one {part} in the form", "send each record in a request of its own")
             record, given = form.get("record"), form.get("map")
             if not isinstance(record, UploadFile):
                 raise InputError("no file called record in the form; send one")

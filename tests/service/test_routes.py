@@ -233,6 +233,8 @@ def test_an_upload_is_bounded_and_imported(bench: Serving) -> None:
     assert bench.ask("GET", f"/api/runs/{run}").json()["state"] == "recorded"
     assert not list((bench.folder / ".service" / "uploads").iterdir())  # it has been imported
     assert bench.ask("POST", "/api/uploads", files={"record": ("a.exe", "x")}).status_code == 400
+    two = [("record", ("a.csv", "x")), ("record", ("b.csv", "x"))]
+    assert bench.ask("POST", "/api/uploads", files=two).status_code == 422
     assert bench.ask("POST", "/api/uploads", files={"other": ("a.csv", "x")}).status_code == 400
     assert bench.ask("POST", "/api/uploads", content=b"junk").status_code == 400
     large = {"content-length": str(10**12), "content-type": "multipart/form-data; boundary=x"}
