@@ -9,9 +9,8 @@ from estimator.thresholds import THRESHOLDS
 def autocorrelation(series: Array) -> Array:
     """Of a series (n,) about its mean at lags from 0 to n − 1, over its power; 0 of one that is constant."""
     centred = series - np.mean(series)
-    from scipy.signal import correlate  # scipy.signal takes half a second to load
-
-    products = correlate(centred, centred, method="fft")[len(centred) - 1 :]
+    padded = 2 * len(centred)
+    products = np.fft.irfft(np.abs(np.fft.rfft(centred, padded)) ** 2, padded)[: len(centred)]
     return np.asarray(products / max(float(products[0]), np.finfo(float).tiny))
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import betainc, betaln
 
+from estimator.residual.averaged import power_density
 from estimator.residual.significance import of_many
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
@@ -70,9 +71,7 @@ class Band:
 def density(series: Array, sample_rate: float) -> tuple[Array, Array]:
     """Welch's estimate for figures: frequency (m,) Hz and one-sided density (m, axes) V²/Hz of series (n, axes)."""
     segment = int(min(8192, max(64, 2 ** int(math.log2(max(len(series) // 8, 64))))))
-    from scipy.signal import welch  # scipy.signal takes half a second to load
-
-    frequency, power = welch(np.nan_to_num(series), sample_rate, nperseg=min(segment, len(series)), axis=0)
+    frequency, power = power_density(np.nan_to_num(series), sample_rate, segment)
     return np.asarray(frequency[1:]), np.asarray(power[1:])
 
 

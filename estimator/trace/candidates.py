@@ -17,6 +17,7 @@ from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.observer import senses_allow
 from estimator.record import Record
+from estimator.residual.averaged import cross_density, power_density
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array, Scaling
 from estimator.settings import Device
@@ -194,16 +195,14 @@ def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
         return []
     sample_rate = 1.0 / float(np.mean(record.step))
     length = _segment(record)
-    from scipy.signal import csd, welch  # half a second to load
-
     filled = np.nan_to_num(whitened)
     coherence: Array = np.zeros(length // 2 + 1)
     following: Array = np.zeros_like(coherence)
     frequency, responses = np.zeros_like(coherence), []
     for axis in range(drive.shape[1]):
-        frequency, across = csd(drive[:, axis], filled[:, axis], sample_rate, nperseg=length)
-        _, of_drive = welch(drive[:, axis], sample_rate, nperseg=length)
-        _, of_residual = welch(filled[:, axis], sample_rate, nperseg=length)
+        frequency, across = cross_density(drive[:, axis], filled[:, axis], sample_rate, length)
+        _, of_drive = power_density(drive[:, axis], sample_rate, length)
+        _, of_residual = power_density(filled[:, axis], sample_rate, length)
         coherence = coherence + np.abs(across) ** 2 / np.maximum(of_drive * of_residual, np.finfo(float).tiny)
         following = following + np.abs(across) ** 2 / np.maximum(of_drive, np.finfo(float).tiny)
         responses.append(across / np.maximum(of_drive, np.finfo(float).tiny))
@@ -244,13 +243,11 @@ def at_resonance(record: Record, device: Device, omega: Array) -> NDArray[np.boo
 
 def of_resonance_alone(record: Record, device: Device) -> bool:
     """Whether the drive's power is all at the gyro's own resonance, as it is without dither."""
-    from scipy.signal import welch  # half a second to load
-
     sample_rate = 1.0 / float(np.mean(record.step))
     power: Array = np.zeros(_segment(record) // 2 + 1)
     frequency = np.zeros_like(power)
     for axis in range(device.axes):
-        frequency, density = welch(record.drive[:, axis, 0], sample_rate, nperseg=_segment(record))
+        frequency, density = power_density(record.drive[:, axis, 0], sample_rate, _segment(record))
         power = power + density
     elsewhere = ~at_resonance(record, device, 2.0 * np.pi * frequency)
     return bool(np.sum(power[elsewhere]) <= _SET.off_resonance * np.sum(power))

@@ -144,11 +144,11 @@ def spoken(monkeypatch: pytest.MonkeyPatch, seen: Any, *peaks: tuple[int, float]
     for at, height in peaks:
         coherence[at] = height
 
-    def csd(drive: Array, residual: Array, rate: float, nperseg: int) -> tuple[Array, Array]:
-        assert (rate, nperseg) == (pytest.approx(RATE), length)
+    def cross_density(drive: Array, residual: Array, rate: float, segment: int) -> tuple[Array, Array]:
+        assert (rate, segment) == (pytest.approx(RATE), length)
         return np.fft.rfftfreq(length, 1.0 / RATE), np.sqrt(0.5 * coherence) + 0j
 
-    def welch(series: Array, rate: float, nperseg: int) -> tuple[Array, Array]:
+    def power_density(series: Array, rate: float, segment: int) -> tuple[Array, Array]:
         return np.fft.rfftfreq(length, 1.0 / RATE), np.ones(length // 2 + 1)
 
     asked = []
@@ -157,8 +157,8 @@ def spoken(monkeypatch: pytest.MonkeyPatch, seen: Any, *peaks: tuple[int, float]
         asked.append((omega, [len(one) for one in responses]))
         return seen
 
-    monkeypatch.setattr(candidates, "csd", csd)
-    monkeypatch.setattr(candidates, "welch", welch)
+    monkeypatch.setattr(candidates, "cross_density", cross_density)
+    monkeypatch.setattr(candidates, "power_density", power_density)
     monkeypatch.setattr(candidates, "resonance", resonance)
     found = watched(record())
     width = 2.0 * np.pi * RATE / length

@@ -20,7 +20,8 @@ CONCLUDED = """
 import sys
 from hil.cli import execute
 code = execute(sys.argv[1:])
-print(code, *[name for name in ("numba", "llvmlite", "sympy", "pandas") if name in sys.modules])
+heavy = ("numba", "llvmlite", "sympy", "pandas", "scipy.signal", "scipy.stats")
+print(code, *[name for name in heavy if name in sys.modules])
 """
 
 

@@ -69,7 +69,7 @@ def amplitude_density_of(parts: Iterable[Floats | None], segment: int, rate_Hz: 
     """The same of values that come in parts (n, axes): segments lie half over each other, across parts as well, but
     not across None, which is a gap.
     """
-    from scipy.signal import welch
+    from estimator.residual.averaged import power_density
 
     step = segment // 2
     left = np.empty((0, 0))
@@ -82,7 +82,7 @@ def amplitude_density_of(parts: Iterable[Floats | None], segment: int, rate_Hz: 
         values = np.concatenate([left, part]) if left.size else part
         count = (len(values) - segment) // step + 1
         if count > 0:
-            frequency, power = welch(values[: segment + (count - 1) * step], rate_Hz, nperseg=segment, axis=0)
+            frequency, power = power_density(values[: segment + (count - 1) * step], rate_Hz, segment)
             total = count * power if total is None else total + count * power
             done += count
         left = values[max(count, 0) * step :].copy()
