@@ -123,7 +123,7 @@ def files_of(observer: Observer, facts: Mapping[str, str], place: str, *, float3
         **facts,
         "PRODUCT": version("gyrohil"),
         "VERSION": str(INTERFACE),
-        "REAL": "Numbers have 32 bits; time, and angles that grow with it, 64." if float32 else "Numbers have 64 bits.",
+        "REAL": "Numbers have 32 bits; time has 64." if float32 else "Numbers have 64 bits.",
         "TYPE": "float" if float32 else "double",
         "WHOLE": "int32_t",
         "STRUCTS": "\n\n".join(structs) + "\n",

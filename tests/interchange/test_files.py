@@ -164,7 +164,7 @@ def test_a_header_that_stands_again(tmp_path: Path) -> None:
 
 def test_nothing_is_written_over_a_device(tmp_path: Path) -> None:
     for path in (Path("/dev/full"), tmp_path):
-        with pytest.raises(InputError, match="exists already; give another name$"):
+        with pytest.raises(InputError, match=r"exists already; give another name$"):
             fresh(path, replace=True)
 
 
