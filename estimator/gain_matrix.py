@@ -56,7 +56,7 @@ class GainMatrix:
     """
 
     def __init__(self, observer: Observer, board: BoardFilter) -> None:
-        self._observer = observer
+        self._observer, self._board = observer, board
         a, b, c = (np.array(part, dtype=float) for part in (board.a, board.b, board.c))
         self._gain = np.zeros((2, 4))
         self._bias = np.zeros(2)
@@ -74,6 +74,9 @@ class GainMatrix:
                 f"a filter over {board.delay} samples ({board.delay * observer.h / math.pi:.3g} half cycles) "
                 "gives one signal twice; choose a delay near a quarter of a cycle"
             )
+
+    def __reduce__(self) -> tuple[type["GainMatrix"], tuple[Observer, BoardFilter]]:
+        return GainMatrix, (self._observer, self._board)  # anew: what the core is handed has addresses
 
     def solve(self, horizon: int, ahead: int = 0) -> tuple[Array, Array]:
         """(G (2, 4) in drive codes per sense code, b (2,) in drive codes) for the newest estimate; lent until the next

@@ -149,7 +149,7 @@ def test_a_full_interface_is_no_fault(ends: tuple[Paired, socket.socket], number
         (errno.ENXIO, "the interface is gone"),
         (errno.ENETUNREACH, "there is no way to this network"),
         (errno.EBADF, "the link is closed"),
-        (errno.EPERM, "as the system says"),
+        (errno.EPERM, os.strerror(errno.EPERM)),
     ],
 )
 def test_what_went_wrong_is_told_in_words(ends: tuple[Paired, socket.socket], number: int, words: str) -> None:
