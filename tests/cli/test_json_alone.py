@@ -11,6 +11,7 @@ from tests.cli.conftest import Hil, Start, finished
 VERBS = {command.name for command in app.registered_commands}
 CSV = "t_s,vx_V,vy_V,ux_mps2,uy_mps2\n" + "".join(f"{k / 4000},{k % 7 / 100},0,0,0\n" for k in range(200))
 GOOD = {
+    "generate": [["short.bench.toml", "--out", "c"]],
     "run": [
         ["short.bench.toml", "--link", "inproc:s-slow", "--out", "others"],
         ["short.bench.toml", "--link", "inproc:s-slow", "--dry-run"],
@@ -44,6 +45,7 @@ ELSEWHERE = {"demo", "record", "top"}
 sensor and a service."""
 
 ABSENT = {
+    "generate": ["absent", "--out", "c"],
     "demo": ["--duration", "-1"],
     "run": ["absent.bench.toml"],
     "emulate": ["absent"],

@@ -76,10 +76,13 @@ PIECE void s_recall(const Settings *settings, Memory *memory, const whole *activ
 {
     whole n = settings->states + active_count;
     Following follow = followed(settings->states, count, count, n, scratch);
-    Estimate estimate = {n, n, n, x, p, p, memory};
+    real wide[MAX_ENTRIES * MAX_WIDTH];
+    widen(p, n, wide, filled_up(n));
+    Estimate estimate = {n, filled_up(n), n, x, wide, wide, memory};
     Constants constants = {prior, prior, spread, initial};
     Arrays observer = {.count = active_count, .n = n, .active = active};
     real rows[4 * 16];
     follow.delta = delta;
     recall(settings, &observer, &constants, &estimate, rows, &follow);
+    narrow(wide, filled_up(n), p, n);
 }

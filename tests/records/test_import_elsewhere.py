@@ -69,8 +69,8 @@ def test_rows_of_a_matlab_file(bring, vectors):
     ("changed", "told"),
     [
         ({"q": np.zeros(4)}, "vectors of unequal length (t 5, q 4, force 5)"),
-        ({"q": np.zeros((5, 2))}, "variable q: (5, 2) float64 is no vector"),
-        ({"q": "text"}, "variable q: "),
+        ({"q": np.zeros((5, 2))}, "variable q is 5 by 2; give one of its columns, as q(:,1)"),
+        ({"q": "text"}, "variable q is text; give a variable of numbers"),
         ({"q": np.array([0, 1, np.nan, 3, 4])}, "variable q: entry 3: nan is no measurement"),
     ],
 )

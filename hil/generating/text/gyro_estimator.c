@@ -40,7 +40,7 @@ void gyro_estimator_init(gyro_estimator *estimator)
     memset(estimator, 0, sizeof *estimator);
     memcpy(estimator->x, initial_state, sizeof initial_state);
     for (whole i = 0; i < ESTIMATED; i++) {
-        estimator->p[i * ESTIMATED + i] = initial_variance[i];
+        estimator->p[i * filled_up(ESTIMATED) + i] = initial_variance[i];
 @INIT_SECOND@    }
     estimator->memory.nis = R(1.0);
     estimator->memory.dither = UINT64_C(@DITHER@);
@@ -49,7 +49,7 @@ void gyro_estimator_init(gyro_estimator *estimator)
 
 static Estimate estimate_of(gyro_estimator *estimator)
 {
-    return (Estimate){ESTIMATED, ESTIMATED, TOTAL, estimator->x, estimator->p, @C@, &estimator->memory};
+    return (Estimate){ESTIMATED, filled_up(ESTIMATED), TOTAL, estimator->x, estimator->p, @C@, &estimator->memory};
 }
 
 /* z and u are scaled. */
