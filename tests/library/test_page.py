@@ -38,7 +38,8 @@ def as_shown(function: Callable[..., Any]) -> str:
         for one in signature.parameters.values()
     ]
     returned = signature.return_annotation
-    return f"{signature.replace(parameters=bare, return_annotation=empty)} -> {returned if isinstance(returned, str) else returned.__name__}"
+    kind = returned if isinstance(returned, str) else returned.__name__
+    return f"{signature.replace(parameters=bare, return_annotation=empty)} -> {kind}"
 
 
 def attributes(heading: str) -> set[str]:

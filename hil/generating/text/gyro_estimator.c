@@ -133,7 +133,7 @@ void gyro_estimator_read(const gyro_estimator *estimator, gyro_estimate *estimat
     }
     for (whole i = 0; i < ESTIMATED; i++) {
         whole entry = entry_of(&settings, active, i);
-        estimate->deviation[entry] = root(estimator->@ACTUAL@[i * ESTIMATED + i]) * FABS(unit[entry]);
+        estimate->deviation[entry] = root(estimator->@ACTUAL@[i * filled_up(ESTIMATED) + i]) * FABS(unit[entry]);
     }
     for (int i = 0; i < 2; i++) {
         estimate->innovation_V[i] = row->nu[i] * unit_V[i];
