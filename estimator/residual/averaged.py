@@ -30,7 +30,7 @@ def cross_density(one: Array, other: Array, rate_Hz: float, segment: int) -> tup
         total += np.conj(first) * second
     total /= count * rate_Hz * np.sum(window**2)
     total[1 : -1 if segment % 2 == 0 else None] *= 2.0
-    return np.fft.rfftfreq(segment, 1.0 / rate_Hz), total
+    return np.asarray(np.fft.rfftfreq(segment, 1.0 / rate_Hz), float), total
 
 
 def power_density(series: Array, rate_Hz: float, segment: int) -> tuple[Array, Array]:
