@@ -67,34 +67,23 @@ static void move_angle(Memory *memory, const real *g, whole n)
     cross[3] = a3;
 }
 
-/* A correction with gain (n, 2), c (n, width) as it was before; jacobian (2, n); scratch (4, width). */
-static void correct_angle(Memory *memory, const real *c, whole n, whole width, const real *jacobian,
-                          const real *noise, whole channels, const real *gain, real *scratch)
+/* A correction with gain (n, 2); jacobian (2, n), seen (2, width) what it shows of the covariance before, H C. */
+static void correct_angle(Memory *memory, const real *seen, whole n, whole width, const real *jacobian,
+                          const real *noise, whole channels, const real *gain)
 {
     real *cross = memory->angle_cross;
     real turns[MAX_AXES], seens[MAX_AXES];
-    for (whole a = 0; a < channels; a++) {
-        real *shown = scratch + a * width;
-        for (whole i = 0; i < n; i++)
-            shown[i] = R(0.0);
-        for (whole j = 0; j < n; j++) {
-            real w = jacobian[a * n + j];
-            if (w != R(0.0))
-                for (whole i = 0; i < n; i++)
-                    shown[i] += w * c[j * width + i];
-        }
-    }
     for (whole a = 0; a < channels; a++) { /* one after the other, with what they share in the second */
-        real turn = R(0.0), seen = R(0.0);
+        real turn = R(0.0), shared = R(0.0);
         for (whole i = 0; i < 4; i++)
             turn -= memory->gradient[i] * gain[2 * i + a];
         for (whole j = 0; j < n; j++)
-            seen += jacobian[a * n + j] * cross[j];
+            shared += jacobian[a * n + j] * cross[j];
         turns[a] = turn;
-        seens[a] = seen;
+        seens[a] = shared;
     }
     for (whole a = 0; a < channels; a++) {
-        const real *shown = scratch + a * width;
+        const real *shown = seen + a * width;
         real pushed = R(0.0);
         memory->angle_variance -= R(2.0) * turns[a] * seens[a];
         for (whole b = 0; b < channels; b++) {

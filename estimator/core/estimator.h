@@ -6,7 +6,7 @@
 #include "layout.h"
 #include "structs.h"
 
-/* An observer's own arrays, scaled: live, for whoever calls with them.
+/* An observer's own arrays, scaled: live, for those who call with them.
 
    active, intensity, prior, spread, initial (count,); table (angles, phases, n, axes) the stationary gains; x (total,);
    p and c (n, n) the covariance assumed by the gain and the one that estimates have under it. */

@@ -165,12 +165,11 @@ static inline void project(const real *p, whole n, whole width, const real *jaco
 }
 
 /* gain (n, 2) <- p H' inv(S) with S = H p H' + R for one or two channels; returns nu' inv(S) nu per channel, expected
-   1; scratch (2, width). */
-static inline real kalman_gain(const real *p, whole n, whole width, const real *jacobian, const real *noise,
-                               whole channels, const real *nu, real *gain, real *scratch)
+   1; seen (2, width) is H p. */
+static inline real kalman_gain(const real *seen, whole n, whole width, const real *jacobian, const real *noise,
+                               whole channels, const real *nu, real *gain)
 {
-    const real *seen0 = scratch, *seen1 = scratch + width;
-    project(p, n, width, jacobian, channels, scratch);
+    const real *seen0 = seen, *seen1 = seen + width;
     real s00 = noise[0];
     for (whole j = 0; j < n; j++)
         s00 += jacobian[j] * seen0[j];
@@ -264,14 +263,15 @@ static inline void subtract_products(real *p, whole n, whole width, const real *
     }
 }
 
-/* p <- (I - KH) p (I - KH)' + K R K', symmetric to the last bit and positive for any gain (n, 2); scratch (4, width).
+/* p <- (I - KH) p (I - KH)' + K R K', symmetric to the last bit and positive for any gain (n, 2); seen (2, width)
+   is H p, scratch (4, width).
 
    With S = H p H' + R and W = p H' - K S / 2 it is p - K W' - W K'. */
-static inline void joseph(real *p, whole n, whole width, const real *jacobian, const real *noise, whole channels,
-                          const real *gain, real *scratch)
+static inline void joseph(real *p, whole n, whole width, const real *seen, const real *jacobian, const real *noise,
+                          whole channels, const real *gain, real *scratch)
 {
     real *w0 = scratch, *w1 = scratch + width, *k0 = scratch + 2 * width, *k1 = scratch + 3 * width;
-    project(p, n, width, jacobian, channels, scratch);
+    memcpy(scratch, seen, (size_t)(channels * width) * sizeof *seen);
     for (whole i = 0; i < width; i++) { /* zeros behind the last, as in p */
         k0[i] = i < n ? gain[2 * i] : R(0.0);
         k1[i] = i < n && channels == 2 ? gain[2 * i + 1] : R(0.0);
@@ -573,8 +573,14 @@ static inline void correct(const Settings *settings, const whole *active, whole 
         predict_variance(actual, n, width, channels, work);
         if (!measured)
             return;
+        real *seen_actual = work->rows, *seen = seen_actual; /* H C, and H P */
+        project(actual, n, width, jacobian, channels, seen_actual);
+        if (riccati && actual != p) {
+            seen = seen_actual + 2 * width;
+            project(p, n, width, jacobian, channels, seen);
+        }
         if (riccati) {
-            real nis = kalman_gain(p, n, width, jacobian, assumed, channels, nu, gain, work->projected);
+            real nis = kalman_gain(seen, n, width, jacobian, assumed, channels, nu, gain);
             memory->nis += (nis - memory->nis) * ATTENTION;
         } else {
             tabulated_gain(table, n, x, gain);
@@ -585,11 +591,11 @@ static inline void correct(const Settings *settings, const whole *active, whole 
         }
         add_correction(settings, active, n, gain, nu, x);
         if (channels == 2)
-            correct_angle(memory, actual, n, width, jacobian, noise, channels, gain, work->projected);
+            correct_angle(memory, seen_actual, n, width, jacobian, noise, channels, gain);
         if (settings->two_covariances == 1)
-            joseph(c, n, width, jacobian, noise, channels, gain, work->projected);
+            joseph(c, n, width, seen_actual, jacobian, noise, channels, gain, work->projected);
         if (riccati)
-            joseph(p, n, width, jacobian, assumed, channels, gain, work->projected);
+            joseph(p, n, width, seen, jacobian, assumed, channels, gain, work->projected);
     }
     if (riccati && settings->fade > R(1.0) && count > 0)
         remember_prior(settings, active, count, constants, estimate, work->projected);

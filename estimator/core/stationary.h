@@ -78,7 +78,8 @@ static inline void gather_gains(const Settings *settings, const whole *active, w
         predict_measurement(settings, active, count, estimate->memory, x, &sample, work);
         for (whole axis = 0; axis < axes; axis++)
             work->assumed[axis] = work->noise[axis] + settings->ignored[axis];
-        kalman_gain(p, n, width, work->jacobian, work->assumed, axes, work->innovation, gain, work->projected);
+        project(p, n, width, work->jacobian, axes, work->rows);
+        kalman_gain(work->rows, n, width, work->jacobian, work->assumed, axes, work->innovation, gain);
         if (m >= course->settle) {
             whole cell = cell_of(x, angles, phases);
             weight[cell] += R(1.0);
@@ -86,15 +87,15 @@ static inline void gather_gains(const Settings *settings, const whole *active, w
                 for (whole a = 0; a < axes; a++)
                     total[(cell * n + i) * axes + a] += gain[2 * i + a];
         }
-        joseph(p, n, width, work->jacobian, work->assumed, axes, gain, work->projected);
+        joseph(p, n, width, work->rows, work->jacobian, work->assumed, axes, gain, work->projected);
         if (count == 0)
             continue;
         cursor = (cursor + 1) % count;
         if (prior[cursor] > R(0.0)) {
             whole row = states + cursor;
             real *recalled = work->projected, share = p[row * width + row] + prior[cursor];
-            for (whole i = 0; i < n; i++)
-                recalled[i] = p[i * width + row] / share;
+            for (whole i = 0; i < width; i++) /* zeros behind the last, as in p */
+                recalled[i] = p[row * width + i] / share;
             rank_one(p, n, width, row, recalled, prior[cursor], work->projected + width);
         }
     }

@@ -6,7 +6,7 @@ from estimator.core.layout import Floats, Ints, Record
 
 
 class Arrays(NamedTuple):
-    """An observer's own arrays, scaled: live, for whoever calls the core with them.
+    """An observer's own arrays, scaled: live, for those who call the core with them.
 
     settings, memory and rows (1,) are records (`estimator.core.layout`); active (k,) which constants are estimated;
     intensity (k,) of their random walks, the square of the density: variance per unit of time; prior: variance with

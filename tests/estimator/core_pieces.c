@@ -60,10 +60,32 @@ PIECE whole p_refer(const Settings *settings, Memory *memory)
     return refer_angle(settings, memory);
 }
 
-PIECE void p_correct_angle(Memory *memory, const real *c, whole n, const real *jacobian, const real *noise,
-                           whole channels, const real *gain, real *scratch)
+/* A covariance with rows as the core has them, and scratch of that width. */
+typedef struct {
+    whole n;
+    whole width;
+    real p[MAX_ENTRIES * MAX_WIDTH];
+    real scratch[8 * MAX_WIDTH];
+} Wide;
+
+static Wide wide_of(const real *p, whole n)
 {
-    correct_angle(memory, c, n, n, jacobian, noise, channels, gain, scratch);
+    Wide wide = {.n = n, .width = filled_up(n)};
+    widen(p, n, wide.p, wide.width);
+    return wide;
+}
+
+static void put_back(const Wide *wide, real *p)
+{
+    narrow(wide->p, wide->width, p, wide->n);
+}
+
+PIECE void p_correct_angle(Memory *memory, const real *c, whole n, const real *jacobian, const real *noise,
+                           whole channels, const real *gain)
+{
+    Wide wide = wide_of(c, n);
+    project(wide.p, n, wide.width, jacobian, channels, wide.scratch);
+    correct_angle(memory, wide.scratch, n, wide.width, jacobian, noise, channels, gain);
 }
 
 PIECE void p_recall_angle(Memory *memory, const real *c, whole n, whole row, const real *gain, real noise)
@@ -122,26 +144,6 @@ PIECE void p_holding(const real *c, const real *s, real rotation, real *u)
     holding_force(c, s, rotation, u);
 }
 
-/* A covariance with rows as the core has them, and scratch of that width. */
-typedef struct {
-    whole n;
-    whole width;
-    real p[MAX_ENTRIES * MAX_WIDTH];
-    real scratch[8 * MAX_WIDTH];
-} Wide;
-
-static Wide wide_of(const real *p, whole n)
-{
-    Wide wide = {.n = n, .width = filled_up(n)};
-    widen(p, n, wide.p, wide.width);
-    return wide;
-}
-
-static void put_back(const Wide *wide, real *p)
-{
-    narrow(wide->p, wide->width, p, wide->n);
-}
-
 PIECE void p_propagate(real *p, whole n, whole width, const real *g, whole states, real *scratch, real factor)
 {
     if (width == filled_up(width)) {
@@ -163,13 +165,15 @@ PIECE real p_kalman_gain(const real *p, whole n, const real *jacobian, const rea
                          const real *nu, real *gain)
 {
     Wide wide = wide_of(p, n);
-    return kalman_gain(wide.p, n, wide.width, jacobian, noise, channels, nu, gain, wide.scratch);
+    project(wide.p, n, wide.width, jacobian, channels, wide.scratch);
+    return kalman_gain(wide.scratch, n, wide.width, jacobian, noise, channels, nu, gain);
 }
 
 PIECE void p_joseph(real *p, whole n, const real *jacobian, const real *noise, whole channels, const real *gain)
 {
     Wide wide = wide_of(p, n);
-    joseph(wide.p, n, wide.width, jacobian, noise, channels, gain, wide.scratch);
+    project(wide.p, n, wide.width, jacobian, channels, wide.scratch);
+    joseph(wide.p, n, wide.width, wide.scratch, jacobian, noise, channels, gain, wide.scratch + 2 * wide.width);
     put_back(&wide, p);
 }
 

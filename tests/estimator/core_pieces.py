@@ -116,8 +116,8 @@ def refer_angle(settings: Any, memory: Any) -> bool:
     return bool(piece("p_refer", settings, memory, result=ctypes.c_int64))
 
 
-def correct_angle(memory: Any, c: Array, h: Array, noise: Array, channels: int, gain: Array, scratch: Array) -> None:
-    piece("p_correct_angle", memory, c, len(c), h, noise, channels, gain, scratch)
+def correct_angle(memory: Any, c: Array, h: Array, noise: Array, channels: int, gain: Array) -> None:
+    piece("p_correct_angle", memory, c, len(c), h, noise, channels, gain)
 
 
 def recall_angle(memory: Any, c: Array, row: int, gain: Array, noise: float) -> None:

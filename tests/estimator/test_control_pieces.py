@@ -397,7 +397,7 @@ def test_a_correction_moves_what_is_known_of_the_angle(channels: int) -> None:
     h, gain = np.zeros((2, n)), random.standard_normal((n, 2))
     h[:channels, [0, 4]] = random.standard_normal((channels, 2))
     noise = np.array([0.3, 0.7])
-    correct_angle(memory, whole[:n, :n].copy(), h, noise, channels, gain, np.zeros((4, n)))
+    correct_angle(memory, whole[:n, :n].copy(), h, noise, channels, gain)
     k = np.vstack([gain, -memory["gradient"] @ gain[:4]])[:, :channels]
     rest = np.eye(n + 1) - k @ np.column_stack([h, np.zeros(2)])[:channels]
     expected = rest @ whole @ rest.T + k @ np.diag(noise[:channels]) @ k.T
