@@ -712,7 +712,6 @@ class Observer:
         """
         self._require_rows(len(sense), drive=drive, step=step, temperature=temperature, truth=truth)
         n = len(sense)
-        axes = self.device.axes
         z, u, h, warmth = self.scaled(sense, drive, step, temperature)
         true = np.zeros((0, len(self.x))) if truth is None else np.ascontiguousarray(truth / self.factors)
         rows = np.zeros(n, OUTPUT)
@@ -729,11 +728,20 @@ class Observer:
             )  # fmt: skip
             self._follow(rows[rows_of])
         self._record["order"] = order
+        return self.estimates_of(np.arange(every - 1, n, every), states, deviations, rows)
+
+    def estimates_of(
+        self, index: NDArray[np.int64], states: Array, deviations: Array, rows: NDArray[np.void]
+    ) -> Estimates:
+        """What the core has put down, in SI: states and deviations (m, states + constants) of the samples at `index`,
+        scaled, and rows (n,) of OUTPUT.
+        """
+        axes = self.device.axes
         with np.errstate(invalid="ignore"):  # below zero, no variance of anything: the filter has diverged
             innovation_deviation = np.sqrt(rows["s"][:, :axes]) * np.abs(self.volts)
         return Estimates(
             names=self.names,
-            index=np.arange(every - 1, n, every),
+            index=index,
             state=states * self.factors,
             deviation=deviations * np.abs(self.factors),
             innovation=rows["nu"][:, :axes] * self.volts,

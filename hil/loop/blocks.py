@@ -18,7 +18,7 @@ from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.declared import drive_limit_of
 from hil.loop.angle import ReportedAngle
-from hil.loop.skeleton import RESIDUAL_SAMPLES, Loop
+from hil.loop.skeleton import NOTHING_WRITTEN, RESIDUAL_SAMPLES, Loop
 from hil.loop.tracks import estimate_rows, innovation_rows, put_covariance, run_layouts
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
@@ -28,7 +28,6 @@ from hil.wire.sense import Sense
 from hil.wire.stream import Received
 
 _NEWS = 64  # messages beside samples, between two looks at them
-_NOTHING_WRITTEN: Mapping[str, float] = {}
 _CAPTURE = np.dtype([("tick", "<i8"), ("codes", "<i4", 4), ("flags", "u1")])  # the capture's row, its codes as one
 
 
@@ -42,10 +41,9 @@ class BlockLoop(Loop):
         bench: Bench,
         observer: Observer,
         tracks: Mapping[str, Track],
-        drive: type[Message],
-        registers: Mapping[str, float] = _NOTHING_WRITTEN,
+        registers: Mapping[str, float] = NOTHING_WRITTEN,
     ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, drive, registers)
+        super().__init__(endpoint, identity, bench, observer, tracks, registers)
         self._layouts = run_layouts(observer, bench, identity)
         self._scale = np.array([identity.sense_scale_V] * 2 + [identity.drive_scale_mps2] * 2)
         self._drive_limit = drive_limit_of(bench, identity)

@@ -13,6 +13,7 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.loop.blocks import BlockLoop
 from hil.loop.board_estimates import BoardEstimates
+from hil.loop.skeleton import NOTHING_WRITTEN
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
@@ -20,11 +21,11 @@ from hil.wire.messages import DriveBoard, Estimate, Identity, Message
 from hil.wire.sense import Sense
 from hil.wire.stream import Received, unwrap
 
-_NOTHING_WRITTEN: Mapping[str, float] = {}
-
 
 class BoardLoop(BlockLoop):
     """One run in board mode."""
+
+    DRIVE = DriveBoard
 
     def __init__(
         self,
@@ -33,9 +34,9 @@ class BoardLoop(BlockLoop):
         bench: Bench,
         observer: Observer,
         tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = _NOTHING_WRITTEN,
+        registers: Mapping[str, float] = NOTHING_WRITTEN,
     ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, DriveBoard, registers)
+        super().__init__(endpoint, identity, bench, observer, tracks, registers)
         self._permitted = False  # to drive, since it was armed
         track = tracks.get("board_estimates")
         self._said_by_it = None if track is None else BoardEstimates(bench, identity, track)

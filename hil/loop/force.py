@@ -17,7 +17,7 @@ from hil.loop.angle import ReportedAngle
 from hil.loop.echo import Echo
 from hil.loop.hindsight import Hindsight
 from hil.loop.native import ALWAYS, NONE, Why
-from hil.loop.skeleton import BeyondLimits, Loop
+from hil.loop.skeleton import NOTHING_WRITTEN, BeyondLimits, Loop
 from hil.loop.tracks import estimate_rows, put_covariance, run_layouts
 from hil.loop.turn import SEEN, Turn
 from hil.records.recorder import Track
@@ -26,11 +26,11 @@ from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveForce, Identity, Message
 from hil.wire.sense import SenseRow
 
-_NOTHING_WRITTEN: Mapping[str, float] = {}
-
 
 class ForceLoop(Loop):
     """One run in force mode."""
+
+    DRIVE = DriveForce
 
     def __init__(
         self,
@@ -39,9 +39,9 @@ class ForceLoop(Loop):
         bench: Bench,
         observer: Observer,
         tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = _NOTHING_WRITTEN,
+        registers: Mapping[str, float] = NOTHING_WRITTEN,
     ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, DriveForce, registers)
+        super().__init__(endpoint, identity, bench, observer, tracks, registers)
         self._layouts = run_layouts(observer, bench, identity)
         self._reported = ReportedAngle(bench)
         self._hindsight = Hindsight(observer)

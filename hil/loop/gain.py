@@ -19,6 +19,7 @@ from hil.bench import Bench
 from hil.declared import board_dither_of, board_filter_of
 from hil.loop.blocks import BlockLoop
 from hil.loop.matrices import SentMatrices
+from hil.loop.skeleton import NOTHING_WRITTEN
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import DriveGains, Identity, SafeReason
@@ -26,7 +27,6 @@ from hil.wire.sense import Sense
 
 _LATER = 64  # matrices whose effect is still to be seen
 _RECENT = 16  # of those whose lateness the next is made for
-_NOTHING_WRITTEN: Mapping[str, float] = {}
 _CAPTURE = np.dtype([("tick", "<i8"), ("codes", "<i4", 4), ("flags", "u1")])  # the capture's row, its codes as one
 
 
@@ -42,6 +42,8 @@ class _Sent(NamedTuple):
 class GainLoop(BlockLoop):
     """One run in gain mode."""
 
+    DRIVE = DriveGains
+
     def __init__(
         self,
         endpoint: Endpoint,
@@ -49,9 +51,9 @@ class GainLoop(BlockLoop):
         bench: Bench,
         observer: Observer,
         tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = _NOTHING_WRITTEN,
+        registers: Mapping[str, float] = NOTHING_WRITTEN,
     ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, DriveGains, registers)
+        super().__init__(endpoint, identity, bench, observer, tracks, registers)
         block = bench.loop.block
         # A board that does not wait has gone on by up to a block when it hears: its next block is the first that a
         # matrix can be meant for from its beginning.

@@ -12,7 +12,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from typing import Any
+from types import MappingProxyType
+from typing import Any, ClassVar
 
 from estimator.observer import Observer
 from hil.bench import Bench
@@ -31,7 +32,7 @@ RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
 _AT_ONCE = 0.1  # of the time between two answers: samples that come within it had been waiting for this host
 _AHEAD = 1.5  # by which a board's ticks may run ahead of this host's clock
-_NOTHING_WRITTEN: Mapping[str, float] = {}
+NOTHING_WRITTEN: Mapping[str, float] = MappingProxyType({})
 
 
 class BeyondLimits(WireError):
@@ -98,6 +99,9 @@ class Loop(ABC):
         waker: descriptor that becomes readable when a signal has come, None for none.
     """
 
+    DRIVE: ClassVar[type[Message]]
+    """What it sends a board to drive it."""
+
     stop: bool = _flag("stop")
     _first: int | None = _tick("first")
     _next: int | None = _tick("next")
@@ -115,8 +119,7 @@ class Loop(ABC):
         bench: Bench,
         observer: Observer,
         tracks: Mapping[str, Track],
-        drive: type[Message],
-        registers: Mapping[str, float] = _NOTHING_WRITTEN,
+        registers: Mapping[str, float] = NOTHING_WRITTEN,
     ) -> None:
         rate = identity.tick_rate_Hz
         self._state = TurnState(first=NONE, next=NONE)
@@ -129,7 +132,7 @@ class Loop(ABC):
         self._duration_s = bench.loop.duration_s
         self._lockstep = bench.loop.clock == "lockstep"
         self._timeout_s = bench.link.timeout_s
-        self._board = ArmedBoard(endpoint, identity, bench, drive, registers)
+        self._board = ArmedBoard(endpoint, identity, bench, self.DRIVE, registers)
         self._slice_s = self._board.slice_s
         self._suspicious_ns = self._board.account.suspicious_ns
         self._waiting = bench.controller.enabled  # to close the loop

@@ -38,7 +38,6 @@ from hil.loop.native import (
     Why,
     payload_sizes,
 )
-from hil.loop.tracks import ANGLES
 from hil.records.layout import Layout
 from hil.records.recorder import Track
 from hil.records.ring import Ring
@@ -51,15 +50,13 @@ from hil.wire.serial_format import SERIAL
 from hil.wire.stream import Received
 
 SEEN = 1024
-"""Rows that are kept for whoever looks at each, at most."""
+"""Rows that are kept for those who look at each, at most."""
 
 _TICK = ctypes.cast(CORE.estimator_tick, ctypes.c_void_p).value
 _STAGED = 256  # rows that wait for a track that is no ring
 _ESTIMATES = 1024
 _RECEIVER = ("lost", "repeated", "undecodable", "passed_over", "tick", "run", "run_next")
 _DECODER = ("bytes", "frames", "cobs_errors", "short", "crc_errors", "oversize", "dropped_bytes", "skipping")
-_AT = {name: OUTPUT.fields[name][1] // 8 for name in OUTPUT.names or () if OUTPUT.fields}
-"""Where each number of the observer's output stands in it; of the innovation and its variance the first."""
 
 
 def kind_of(link: Link) -> Kind:
@@ -205,7 +202,7 @@ class Turn:
         descriptor = self._endpoint.link.fileno()
         state.link.fd = -1 if descriptor is None else descriptor
         state.seq = self._endpoint.tx.seq
-        # While the angle is carried on, a tick has more to do than the core; and whoever has replaced it is asked.
+        # While the angle is carried on, a tick has more to do than the core; one that was put in its place is asked.
         alone = not self._observer.carries_angle and "tick" not in vars(self._observer)
         state.step = _TICK if alone else ctypes.cast(self._own_step, ctypes.c_void_p).value
         state.context = self._observer.core
@@ -294,23 +291,12 @@ class Turn:
         self._state.estimate_count = 0
         observer, kept = self._observer, self._kept[:count]
         states, estimated = len(observer.x), len(observer.estimated)
-        out = kept[:, 1 + states + estimated :]
-        deviation = np.zeros((count, states))
+        deviations = np.zeros((count, states))
         with np.errstate(invalid="ignore"):
-            deviation[:, observer.estimated_index] = np.sqrt(kept[:, 1 + states : 1 + states + estimated])
+            deviations[:, observer.estimated_index] = np.sqrt(kept[:, 1 + states : 1 + states + estimated])
+        rows = np.ascontiguousarray(kept[:, 1 + states + estimated :]).view(OUTPUT)[:, 0]
         ticks = kept[:, 0].astype(np.int64)
-        estimates = Estimates(
-            names=observer.names,
-            index=np.arange(count),
-            state=kept[:, 1 : 1 + states] * observer.factors,
-            deviation=deviation * np.abs(observer.factors),
-            innovation=out[:, _AT["nu"] : _AT["nu"] + 2],
-            innovation_deviation=out[:, _AT["s"] : _AT["s"] + 2],
-            angle_deviation=np.sqrt(np.maximum(out[:, _AT["angle_variance"]], 0.0)),
-            energy_ratio=out[:, _AT["energy_ratio"]],
-            quadrature_ratio=out[:, _AT["quadrature_ratio"]],
-            **{name: out[:, _AT[name]] for name in ANGLES},
-        )
+        estimates = observer.estimates_of(np.arange(count), kept[:, 1 : 1 + states], deviations, rows)
         self.estimates(ticks, estimates)
 
     def _take_rows(self, rows: list[SenseRow]) -> None:
