@@ -194,15 +194,7 @@ static bool set_up(station *s, const options *o) {
         s->device.sample_rate_Hz = o->sample_rate_Hz;
     s->on_can = o->interface != NULL;
     memset(&config, 0, sizeof config);
-    config.identity.unique_id = 0xC99;
-    config.identity.firmware = 0x00010000;
-    config.identity.tick_rate_Hz = device->sample_rate_Hz;
-    config.identity.axes = 2;
-    config.identity.sense_bits = (uint8_t)device->sense_bits;
-    config.identity.drive_bits = (uint8_t)device->drive_bits;
-    config.identity.sense_scale_V = resonator_sense_scale_V(device);
-    config.identity.drive_scale_mps2 = resonator_drive_scale_mps2(device);
-    config.identity.latency_ticks = (uint16_t)o->latency;
+    config.identity = resonator_identity(device, 0xC99, (uint16_t)o->latency);
     config.clocks = 1u << HIL_CLOCK_MODE_LOCKSTEP | 1u << HIL_CLOCK_MODE_PACED;
     config.blocks = blocks;
     config.blocks_size = sizeof blocks;

@@ -98,6 +98,21 @@ void resonator_init(resonator *r, const resonator_device *device, uint64_t seed)
     r->noise = seed * 0x9E3779B97F4A7C15u + 1u;
 }
 
+hil_identity resonator_identity(const resonator_device *device, uint64_t unique_id, uint16_t latency_ticks) {
+    hil_identity told;
+    memset(&told, 0, sizeof told);
+    told.unique_id = unique_id;
+    told.firmware = 0x00010000;
+    told.tick_rate_Hz = device->sample_rate_Hz;
+    told.axes = 2;
+    told.sense_bits = (uint8_t)device->sense_bits;
+    told.drive_bits = (uint8_t)device->drive_bits;
+    told.sense_scale_V = resonator_sense_scale_V(device);
+    told.drive_scale_mps2 = resonator_drive_scale_mps2(device);
+    told.latency_ticks = latency_ticks;
+    return told;
+}
+
 double resonator_sense_scale_V(const resonator_device *device) {
     return ldexp(device->sense_full_scale_V, 1 - (int)device->sense_bits);
 }

@@ -9,6 +9,8 @@
 #ifndef RESONATOR_H
 #define RESONATOR_H
 
+#include "hil_spec.h"
+
 #include <stdint.h>
 
 typedef struct resonator_device {
@@ -45,6 +47,9 @@ void resonator_step(resonator *r, int32_t ux, int32_t uy);
 
 /* Convert both axes; returns whether the converter clipped. */
 int resonator_sense(resonator *r, int32_t *vx, int32_t *vy);
+
+/* What a board that measures and drives it tells of itself. */
+hil_identity resonator_identity(const resonator_device *device, uint64_t unique_id, uint16_t latency_ticks);
 
 double resonator_sense_scale_V(const resonator_device *device);
 double resonator_drive_scale_mps2(const resonator_device *device);

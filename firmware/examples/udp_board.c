@@ -156,24 +156,9 @@ static bool join(station *s, const char *group, unsigned port, const char *inter
            !fcntl(s->wire, F_SETFL, O_NONBLOCK);
 }
 
-/* 1 g on springs of 200 Hz. */
-static const resonator_device slow = {
-    .sample_rate_Hz = 4000.0,
-    .stiffness_per_s2 = {1.602e6, 1.561e6, -1.2e4},
-    .damping_per_s = {1.5, 1.3, 0.05},
-    .rate_rad_s = 1.0,
-    .start_m = 1e-4,
-    .gain_V_per_m = 1000.0,
-    .offset_V = {6e-3, -4e-3},
-    .noise_V = 1e-4,
-    .sense_bits = 16,
-    .sense_full_scale_V = 0.25,
-    .drive_bits = 16,
-    .drive_full_scale_mps2 = 10.0,
-};
-
 static bool set_up(station *s, const char *key_file, bool estimator) {
     static uint8_t blocks[HIL_BLOCKS_SIZE(ROWS, WIDTH)];
+    static resonator_device device;
     static uint8_t datagram[HIL_KEYED_ROOM(HIL_SENSE_SIZE + ROWS * HIL_SENSE_COLUMNS * WIDTH)];
     hil_config config;
     hil_keyed_config keyed;
@@ -186,21 +171,15 @@ static bool set_up(station *s, const char *key_file, bool estimator) {
     keyed.nonce = fresh_nonce;
     keyed.send = transmit;
     keyed.context = s;
-    config.identity.unique_id = 0xC99;
-    config.identity.firmware = 0x00010000;
-    config.identity.tick_rate_Hz = slow.sample_rate_Hz;
-    config.identity.axes = 2;
-    config.identity.sense_bits = (uint8_t)slow.sense_bits;
-    config.identity.drive_bits = (uint8_t)slow.drive_bits;
-    config.identity.sense_scale_V = resonator_sense_scale_V(&slow);
-    config.identity.drive_scale_mps2 = resonator_drive_scale_mps2(&slow);
-    config.identity.latency_ticks = 1;
+    device = resonator_slow;
+    device.rate_rad_s = 1.0;
+    config.identity = resonator_identity(&device, 0xC99, 1);
     config.clocks = 1u << HIL_CLOCK_MODE_LOCKSTEP | 1u << HIL_CLOCK_MODE_PACED;
     config.link = &s->keyed.link;
     config.blocks = blocks;
     config.blocks_size = sizeof blocks;
     config.now_ns = board_time_ns;
-    resonator_init(&s->mass, &slow, 1);
+    resonator_init(&s->mass, &device, 1);
     if (estimator && estimating_init(&s->own, config.identity.sense_scale_V, config.identity.drive_scale_mps2))
         config.estimator = &s->own.face;
     errno = EINVAL;

@@ -45,15 +45,7 @@ static uint64_t now_ns(void *context) {
 static bool start(const resonator_device *device) {
     hil_config config;
     memset(&config, 0, sizeof config);
-    config.identity.unique_id = 0xA500;
-    config.identity.firmware = 0x00010000;
-    config.identity.tick_rate_Hz = device->sample_rate_Hz;
-    config.identity.axes = 2;
-    config.identity.sense_bits = (uint8_t)device->sense_bits;
-    config.identity.drive_bits = (uint8_t)device->drive_bits;
-    config.identity.sense_scale_V = resonator_sense_scale_V(device);
-    config.identity.drive_scale_mps2 = resonator_drive_scale_mps2(device);
-    config.identity.latency_ticks = LATENCY;
+    config.identity = resonator_identity(device, 0xA500, LATENCY);
     config.clocks = 1u << HIL_CLOCK_MODE_LOCKSTEP;
     config.link = &serial.link;
     config.blocks = blocks;
