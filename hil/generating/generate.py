@@ -1,6 +1,7 @@
 """From a bench file to a folder of C for a board."""
 
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 import numpy as np
@@ -42,7 +43,6 @@ def generate(bench: Bench, place: str, identity: Identity, folder: Path, *, floa
         raise InputError(
             f"{place}: [device] axes = {bench.device.axes}: only the estimator of a gyro, axes = 2, is written"
         )
-
     if float32 and bench.observer.gain == "ekf":
         raise InputError(
             f'{place}: [observer] gain = "ekf" loses a deviation within seconds in numbers of 32 bits; '
@@ -55,6 +55,7 @@ def generate(bench: Bench, place: str, identity: Identity, folder: Path, *, floa
     title = f"Estimator of {bench.device.name}: {len(made().estimated)} states and constants are estimated."
     facts = {
         "TITLE": title,
+        "PRODUCT": version("gyrohil"),
         "BENCH": place,
         "SAMPLE_RATE": decimal(bench.device.sample_rate_Hz),
         "LATENCY": str(identity.latency_ticks),
@@ -77,15 +78,8 @@ def generate(bench: Bench, place: str, identity: Identity, folder: Path, *, floa
         if taken is None
         else (f"\nOn a Cortex-M7 at -O2: {taken.flash_bytes} bytes of code, {taken.struct_bytes} of memory.\n")
     )
-    values = {"TITLE": title, "PRODUCT": _product(), "BENCH": place, "SAMPLES": str(_SAMPLES), "SIZES": told}
-    write_text(folder / "README.txt", filled("README.txt", values))
+    write_text(folder / "README.txt", filled("README.txt", {**facts, "SAMPLES": str(_SAMPLES), "SIZES": told}))
     return Generated(folder, (*texts, "README.txt"), taken)
-
-
-def _product() -> str:
-    from importlib.metadata import version
-
-    return version("gyrohil")
 
 
 def _golden_text(vectors: Golden, angle_rad: float, state: float) -> str:

@@ -31,7 +31,7 @@ class Golden:
 def golden(observer: Observer, samples: int, quiet: int) -> Golden:
     """Close the loop about the device as declared, turning at 1 rad/s, for so many samples: the first without drive.
 
-    The device is linear and has none of the effects: its signal is what the vectors are made from, not what they claim.
+    The device is linear and has none of the effects: its signal is what the vectors are made from, not what they test.
     """
     device, latency = observer.device, observer.latency
     step = _transition(observer)

@@ -3,7 +3,6 @@
 import math
 import re
 from collections.abc import Mapping, Sequence
-from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 
@@ -50,12 +49,10 @@ def model_text(observer: Observer, place: str) -> str:
     """The generated functions of the model and of the effects that are declared, and of no others."""
     declared = [effect for _, effect in observer.effects]
     require_writable(declared, place)
-    for number in range(len(declared)):
-        try:
-            generated([observer.model], declared, [number])
-        except NotImplementedError as error:
-            raise InputError(f"{place}: [effects.{declared[number].name}] cannot be written as C: {error}") from None
-    return generated([observer.model], declared, range(len(declared)))
+    try:
+        return generated([observer.model], declared, range(len(declared)))
+    except NotImplementedError as error:
+        raise InputError(f"{place}: {error}") from None
 
 
 def sizes_of(observer: Observer) -> dict[str, int]:
@@ -119,21 +116,20 @@ def files_of(observer: Observer, facts: Mapping[str, str], place: str, *, float3
     both = bool(record["two_covariances"])
     coefficients = observer.names[len(observer.model.names) :]
     n, total = len(observer.estimated), len(observer.x)
+    covariance = n * (-(-n // 4) * 4)  # rows as long as the core takes
     values = {
         **facts,
-        "PRODUCT": version("gyrohil"),
         "VERSION": str(INTERFACE),
         "REAL": "Numbers have 32 bits; time has 64." if float32 else "Numbers have 64 bits.",
         "TYPE": "float" if float32 else "double",
-        "WHOLE": "int32_t",
         "STRUCTS": "\n\n".join(structs) + "\n",
         "TYPEDEFS": "\n".join(typedefs),
         "CORE": _spaced(core),
         "DATA": data(observer, Numbers(float32=float32), sizes, 0),
         "N": str(n),
         "TOTAL": str(total),
-        "COVARIANCE": str(n * (-(-n // 4) * 4)),
-        "SECOND": f"    gyro_real c[{n * (-(-n // 4) * 4)}];\n" if both else "",
+        "COVARIANCE": str(covariance),
+        "SECOND": f"    gyro_real c[{covariance}];\n" if both else "",
         "INIT_SECOND": "        estimator->c[i * filled_up(ESTIMATED) + i] = initial_variance[i];\n" if both else "",
         "C": "estimator->c" if both else "estimator->p",
         "ACTUAL": "c" if both else "p",
@@ -143,7 +139,6 @@ def files_of(observer: Observer, facts: Mapping[str, str], place: str, *, float3
         "COEFFICIENT_NAMES": "".join(f", GYRO_{_identifier(name)}" for name in coefficients),
         "UNITS": _units(observer),
         "REFERENCE": f"{observer.settings.reference:g}",
-        "ANGLE": "double",
     }
     return {name: filled(name, values) for name in ("gyro_estimator.h", "gyro_estimator.c")}
 

@@ -78,7 +78,10 @@ def effects_of(model: Model, effects: Sequence[Effect], what: str, numbers: Sequ
     branches = []
     for number in numbers:
         present = effects[number].on(model.axes)
-        lines = [] if present is None else body(model, present, what)
+        try:
+            lines = [] if present is None else body(model, present, what)
+        except NotImplementedError as error:
+            raise NotImplementedError(f"[effects.{effects[number].name}] cannot be written as C: {error}") from None
         if lines:
             branches += [f"case {number}: {{ /* {effects[number].name} */", *("    " + line for line in lines)]
             branches += ["    break;", "}"]

@@ -23,7 +23,7 @@ extern "C" {
 #define GYRO_ESTIMATOR_VERSION @VERSION@u
 
 typedef @TYPE@ gyro_real;
-typedef @WHOLE@ gyro_whole;
+typedef int32_t gyro_whole;
 
 #define GYRO_SAMPLE_RATE_HZ @SAMPLE_RATE@ /* of the calls */
 #define GYRO_LATENCY @LATENCY@           /* samples from one to the interval in which the drive computed from it acts */
@@ -51,7 +51,7 @@ typedef struct gyro_estimate {
     gyro_real deviation[GYRO_STATES]; /* standard deviations, the same units */
     gyro_real innovation_V[2];        /* measured less predicted, of the last sample */
     gyro_real innovation_deviation_V[2];
-    @ANGLE@ angle_rad;           /* rotation since the start, unwrapped; the turn that forces caused is taken off */
+    double angle_rad;           /* rotation since the start, unwrapped; the turn that forces caused is taken off */
     gyro_real angle_deviation_rad; /* by estimation alone, since @REFERENCE@ s */
     gyro_real energy_ratio;        /* energy of the vibration over its set point */
     gyro_real quadrature_ratio;    /* quadrature over the energy */
