@@ -44,12 +44,13 @@ def in_words(
 
 def told(found: Sequence[Lacking]) -> str:
     """What is lacking, in one line."""
-    return f"lacks {_name_and_sizes(found)}; the angle may be off by {_off(found):.3g} rad"
+    name, sizes = _name_and_sizes(found)
+    return f"lacks {name}: {sizes}; the angle may be off by {_off(found):.3g} rad"
 
 
 def _small(found: Sequence[Lacking]) -> str:
     """What is there and harmless, in one line."""
-    name, _, sizes = _name_and_sizes(found).partition(": ")
+    name, sizes = _name_and_sizes(found)
     return f"small effect found: {name}, negligible: {sizes}, {_off(found):.3g} rad of the angle"
 
 
@@ -57,13 +58,13 @@ def _off(found: Sequence[Lacking]) -> float:
     return float(np.sqrt(sum(item.angle.value**2 for item in found)))
 
 
-def _name_and_sizes(found: Sequence[Lacking]) -> str:
+def _name_and_sizes(found: Sequence[Lacking]) -> tuple[str, str]:
     if len(found) > 1:
         each = "; ".join(f"{item.effect} {_sizes(item)}" for item in found)
-        return f"the constants of the calibration together, each a little off: {each}"
+        return "the constants of the calibration together, each a little off", each
     item = found[0]
     like = f" (or {', '.join(item.alike)})" if item.alike else ""
-    return f"{item.effect}{like}: {_sizes(item)}"
+    return f"{item.effect}{like}", _sizes(item)
 
 
 def _sizes(item: Lacking) -> str:

@@ -1,5 +1,5 @@
 """Expressions as a declaration has them: put together without SymPy, which takes a third of a second to load, and
-SymPy's own for whoever calculates with them.
+SymPy's own for those who calculate with them.
 """
 
 import operator

@@ -16,7 +16,7 @@ _KNOWN = ("x", "vx", "y", "vy", "phi_x", "phi_y", "rate", "kxx", "kyy", "kxy", "
 
 
 def __getattr__(name: str) -> Any:
-    """The model's symbols, for whoever calculates with them: SymPy's own, which loads it."""
+    """The model's symbols, for those who calculate with them: SymPy's own, which loads it."""
     if name not in _KNOWN:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     return in_sympy(getattr(symbols, name))

@@ -132,7 +132,7 @@ typedef struct {
     int64_t estimate_room, estimate_count;
     int64_t estimate_every, covariance_every;
 
-    /* rows kept for whoever looks at each: the opening of a run, hindsight after a gap */
+    /* rows kept for those who look at each: the opening of a run, hindsight after a gap */
     row_t *seen;
     int64_t seen_count;
     int64_t look_after; /* return after so many */

@@ -269,7 +269,7 @@ stands outside of the spec hash, so that one more part needs no new protocol num
 - types {optional_first} to {optional_last} are for optional messages, known or to come;
 - a host uses a part only of a board that names its bit, and a board sends such messages only when a register asks for
   them;
-- whoever hears an optional message that it does not know, or does not take, counts it and passes over it. No NACK
+- a side that hears an optional message that it does not know, or does not take, counts it and passes over it. No NACK
   answers it. It takes its number in the sequence, and its tick is not believed.
 
 {optional}
