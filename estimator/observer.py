@@ -386,8 +386,12 @@ class Observer:
     @property
     def covariance(self) -> Array:
         """Covariance the estimates have under this gain, over [states, active constants], SI."""
+        return self.covariance_of(self._actual)
+
+    def covariance_of(self, scaled: Array) -> Array:
+        """What the core has of one (n, n), in SI."""
         scale = self.factors[self.estimated_index]
-        return np.asarray(self._actual * np.outer(scale, scale))
+        return np.asarray(scaled * np.outer(scale, scale))
 
     @property
     def _actual(self) -> Array:

@@ -125,7 +125,7 @@ def _estimate(
             recording["estimates"].push(estimate_rows(layouts["estimates"], tick, estimates, reported))
             done += len(tick)
             if done % stride == 0:
-                put_covariance(recording["covariance"], int(tick[-1]), observer)
+                put_covariance(recording["covariance"], int(tick[-1]), observer.covariance)
             progress(Progress("replay", done, total))
 
 

@@ -146,7 +146,7 @@ class BlockLoop(Loop):
         if self._blocks % self._every_blocks == self._every_blocks - 1:
             self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._reported))
         if self._blocks % self._covariance_blocks == self._covariance_blocks - 1:
-            put_covariance(self._tracks["covariance"], int(ticks[-1]), self._observer)
+            put_covariance(self._tracks["covariance"], int(ticks[-1]), self._observer.covariance)
         self._blocks += 1
         self.counters.samples += n
 

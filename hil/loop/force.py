@@ -48,7 +48,7 @@ class ForceLoop(Loop):
         limit = drive_limit_of(bench, identity)
         self._shown = Echo(identity.latency_ticks, int(registers.get("DRIVE_LIMIT", limit)))
         self._c = Turn(self._state, endpoint, observer, self._shown, tracks, self._layouts)
-        self._c.estimates, self._c.seen = self._record, self._saw
+        self._c.estimates, self._c.covariance, self._c.seen = self._record, self._record_covariance, self._saw
         self._close_at = self._acquired  # sample from the first before which the loop may be closed
         self._declare(identity, bench, limit)
 
@@ -85,9 +85,6 @@ class ForceLoop(Loop):
                     self._next = row[0]
                 case Why.DUE:
                     self._see_to_control(self._c.row[0])
-                case Why.COVARIANCE:
-                    assert self._next is not None
-                    put_covariance(self._tracks["covariance"], self._next - 1, self._observer)
                 case Why.ODD:
                     raise ProtocolError(f"{self._name}: {self._shown.odd}; correct its firmware")
                 case Why.BEYOND:
@@ -144,6 +141,9 @@ class ForceLoop(Loop):
 
     def _record(self, ticks: NDArray[np.int64], estimates: Estimates) -> None:
         self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._reported))
+
+    def _record_covariance(self, tick: int, covariance: NDArray[np.float64]) -> None:
+        put_covariance(self._tracks["covariance"], tick, covariance)
 
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         """With the drive the board was last told to apply; of a single interval the samples that follow decide."""

@@ -172,9 +172,9 @@ def estimate_rows(
     return rows
 
 
-def put_covariance(track: Track, tick: int, observer: Observer) -> None:
-    """The observer's covariance as it is now, after the sample `tick`, as a row of `covariance.arrow`."""
-    track.put(tick, *packed(observer.covariance))
+def put_covariance(track: Track, tick: int, covariance: NDArray[np.float64]) -> None:
+    """An observer's covariance (n, n) after the sample `tick`, SI, as a row of `covariance.arrow`."""
+    track.put(tick, *packed(covariance))
 
 
 def _plain(table: Mapping[str, Any]) -> dict[str, Any]:

@@ -54,7 +54,7 @@ SEEN = 1024
 
 _TICK = ctypes.cast(CORE.estimator_tick, ctypes.c_void_p).value
 _STAGED = 256  # rows that wait for a track that is no ring
-_ESTIMATES = 1024
+_ESTIMATES, _COVARIANCES = 1024, 64
 _RECEIVER = ("lost", "repeated", "undecodable", "passed_over", "tick", "run", "run_next")
 _DECODER = ("bytes", "frames", "cobs_errors", "short", "crc_errors", "oversize", "dropped_bytes", "skipping")
 
@@ -82,6 +82,7 @@ class Turn:
 
     Attributes:
         estimates: called with tick (n,) and estimates of the samples that are recorded.
+        covariance: called with tick and covariance (n, n), SI, of each that is recorded.
         seen: called with rows, as many as `state.look_after` asks for at most.
     """
 
@@ -111,10 +112,12 @@ class Turn:
         self._kind = kind_of(endpoint.link)
         self._outputs = OUTPUT.itemsize // 8
         self._kept = np.zeros((_ESTIMATES, 1 + len(observer.x) + len(observer.estimated) + self._outputs))
+        self._spreads = np.zeros((_COVARIANCES, 1 + len(observer.estimated) ** 2))
         self._bound: list[Any] | None = None
         self._own_step: Any = None  # `_step`, for C
         self._raised: BaseException | None = None
         self.estimates: Callable[[NDArray[np.int64], Estimates], None] = _unheard
+        self.covariance: Callable[[int, NDArray[np.float64]], None] = _unheard
         self.seen: Callable[[list[SenseRow]], None] = _unheard
 
     def __getstate__(self) -> dict[str, Any]:
@@ -163,6 +166,9 @@ class Turn:
         batch.sizes = ctypes.addressof(self._sizes)
         state.seen, state.estimates = self._seen.ctypes.data, self._kept.ctypes.data
         state.estimate_room, state.estimate_count = len(self._kept), 0
+        state.covariances, state.covariance_room, state.covariance_count = (
+            self._spreads.ctypes.data, len(self._spreads), 0,
+        )  # fmt: skip
         state.newest, state.state = arrays.rows.ctypes.data, observer.x.ctypes.data
         state.covariance = actual.ctypes.data
         state.queue = arrays.memory["queue"].ctypes.data
@@ -298,6 +304,10 @@ class Turn:
         ticks = kept[:, 0].astype(np.int64)
         estimates = observer.estimates_of(np.arange(count), kept[:, 1 : 1 + states], deviations, rows)
         self.estimates(ticks, estimates)
+        for spread in self._spreads[: self._state.covariance_count]:
+            scaled = spread[1:].reshape(len(observer.estimated), -1)
+            self.covariance(int(spread[0]), observer.covariance_of(scaled))
+        self._state.covariance_count = 0
 
     def _take_rows(self, rows: list[SenseRow]) -> None:
         """Have these rows taken next."""

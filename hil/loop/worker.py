@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from hil.records.recorder import Recording, Track
 
 INTERRUPTED = 130
-REPORTS = 200  # progress lines over a run; more where the board is asked for its time along with them
+REPORTS = 200  # progress lines over a run in lockstep; else they come as the board is asked for its time
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 _COVARIANCE_ROWS = {"covariance": 1 << 10}  # which are long, and few
 _NOTHING_WRITTEN: Mapping[str, float] = {}
@@ -243,12 +243,13 @@ class _Driven:
         from hil.loop.clock import EXCHANGES_PER_S, ClockExchanges
 
         loop, lockstep = self._loop, self._lockstep
-        report_every = max(self._samples // REPORTS, 1)
-        if not lockstep:
-            report_every = max(min(report_every, int(self._rate_Hz / EXCHANGES_PER_S)), 1)
         line = self._line
+        report_every = self._samples // REPORTS
         if line is not None:
-            report_every = max(min(report_every, int(self._rate_Hz / LOOKS_PER_S)), 1)
+            report_every = min(report_every, int(self._rate_Hz / LOOKS_PER_S))
+        if not lockstep:  # each costs a sample or two
+            report_every = int(self._rate_Hz / (EXCHANGES_PER_S if line is None else LOOKS_PER_S))
+        report_every = max(report_every, 1)
         orphaned = _on_signals(loop) if self._own_process else lambda: False
         if line is not None:
             line.heeds_signals()

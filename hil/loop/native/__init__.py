@@ -55,12 +55,11 @@ class Why(IntEnum):
     DUE = 4
     ODD = 5
     LOOK = 6
-    COVARIANCE = 7
-    FULL = 8
-    WOKEN = 9
-    CLOSED = 10
-    FAILED = 11
-    BEYOND = 12
+    FULL = 7
+    WOKEN = 8
+    CLOSED = 9
+    FAILED = 10
+    BEYOND = 11
 
 
 def _of(numbers: str, kind: Any = ctypes.c_int64) -> list[tuple[str, Any]]:
@@ -130,7 +129,8 @@ class TurnState(ctypes.Structure):
         *_of("room step context newest state covariance queue states estimated outputs latency"),
         ("volts", ctypes.c_double * 2),
         ("noise", ctypes.c_double * 2),
-        *_of("estimates estimate_room estimate_count estimate_every covariance_every seen seen_count look_after"),
+        *_of("estimates estimate_room estimate_count covariances covariance_room covariance_count"),
+        *_of("estimate_every covariance_every seen seen_count look_after"),
         *_of("types seq code_limit lockstep slice_ns suspicious_ns at_once_ns"),
         *_of("goal due stale first next row_at fresh news"),
         ("shown", ctypes.c_int32 * 2),

@@ -93,8 +93,8 @@ static int keep(turn_t *turn, const row_t *row)
     if (since % turn->estimate_every == turn->estimate_every - 1) {
         keep_estimate(turn, row->tick);
         if (since % turn->covariance_every == turn->covariance_every - 1)
-            why = TURN_COVARIANCE;
-        else if (turn->estimate_count == turn->estimate_room)
+            keep_covariance(turn, row->tick);
+        if (turn->estimate_count == turn->estimate_room || turn->covariance_count == turn->covariance_room)
             why = TURN_FULL;
     }
     if (turn->look_after != INT64_MAX) {

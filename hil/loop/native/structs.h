@@ -130,6 +130,8 @@ typedef struct {
     /* estimates kept until Python records them: tick, state, variances, output */
     double *estimates;
     int64_t estimate_room, estimate_count;
+    double *covariances; /* likewise: tick, covariance */
+    int64_t covariance_room, covariance_count;
     int64_t estimate_every, covariance_every;
 
     /* rows kept for those who look at each: the opening of a run, hindsight after a gap */
@@ -176,7 +178,6 @@ enum {
     TURN_DUE,        /* before the sample that `due` names */
     TURN_ODD,        /* the echo of a drive is wrong */
     TURN_LOOK,       /* after as many rows as asked for */
-    TURN_COVARIANCE, /* after a sample whose covariance is recorded */
     TURN_FULL,       /* there is no room for more estimates */
     TURN_WOKEN,      /* a signal came */
     TURN_CLOSED,     /* the link is closed */

@@ -91,4 +91,13 @@ static void keep_estimate(turn_t *turn, int64_t tick)
     memcpy(to, turn->newest, (size_t)turn->outputs * sizeof *to);
 }
 
+/* The same of the whole covariance. */
+static void keep_covariance(turn_t *turn, int64_t tick)
+{
+    size_t size = (size_t)(turn->estimated * turn->estimated);
+    double *to = turn->covariances + turn->covariance_count++ * (int64_t)(1 + size);
+    *to++ = (double)tick;
+    memcpy(to, turn->covariance, size * sizeof *to);
+}
+
 #endif
