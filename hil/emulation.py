@@ -81,8 +81,13 @@ class Emulator:
             yield from (line.decode("utf-8", "replace") for line in lines)
 
     def wait(self) -> None:
-        """Block until the process ends by itself; `InputError` with its last words if it did not end well."""
-        self.process.wait()
+        """Block until the process ends by itself; `InputError` with its last words if it did not end well.
+
+        In pieces: a signal that comes just before a wait begins is noticed when that wait is over.
+        """
+        while self.process.poll() is None:
+            with suppress(subprocess.TimeoutExpired):
+                self.process.wait(_TOLD_S)
         if self.failed:
             raise InputError(f"emulated board: {self.last_words()}")
 
