@@ -2,28 +2,22 @@
 
 #include <math.h>
 
-#define LARGEST 0x7fffff /* no converter has more than 24 bits */
+#if GYRO_ESTIMATOR_VERSION != 1u
+#error "estimating.c is for version 1 of gyro_estimator.h: take the firmware and the estimator of one release"
+#endif
 
 static void start(void *context) {
     estimating *e = context;
     gyro_estimator_init(&e->own);
 }
 
-/* The nearest code; 0 of what is not a number. */
-static int32_t code(double value, double scale) {
-    double exact = round(value / scale);
-    return exact > LARGEST ? LARGEST : exact < -LARGEST ? -LARGEST : exact == exact ? (int32_t)exact : 0;
-}
-
 static hil_drive step(void *context, int64_t tick, int32_t vx, int32_t vy, hil_drive held, bool drive) {
     estimating *e = context;
-    const gyro_real sense_V[2] = {(gyro_real)(vx * e->sense_scale_V), (gyro_real)(vy * e->sense_scale_V)};
-    const gyro_real applied[2] = {(gyro_real)(held.ux * e->drive_scale_mps2), (gyro_real)(held.uy * e->drive_scale_mps2)};
-    gyro_real asked[2], angle;
-    estimator_step(&e->own, sense_V, applied, drive, asked, &angle);
+    const int32_t sense[2] = {vx, vy}, applied[2] = {held.ux, held.uy};
+    int32_t codes[2];
+    estimator_step_codes(&e->own, sense, applied, drive, codes);
     e->tick = tick;
-    hil_drive codes = {code((double)asked[0], e->drive_scale_mps2), code((double)asked[1], e->drive_scale_mps2)};
-    return codes;
+    return (hil_drive){codes[0], codes[1]};
 }
 
 static void read(void *context, hil_estimate *out) {
@@ -58,14 +52,26 @@ static void read(void *context, hil_estimate *out) {
         out->rate = e->wrong_rate_rad_s;
 }
 
-bool estimating_init(estimating *e, double sense_scale_V, double drive_scale_mps2) {
+static bool same(double a, double b) {
+    return fabs(a - b) <= 1e-9 * fabs(b);
+}
+
+const char *estimating_init(estimating *e, const hil_identity *board) {
     e->face.start = start;
     e->face.step = step;
     e->face.read = read;
     e->face.context = e;
-    e->sense_scale_V = sense_scale_V;
-    e->drive_scale_mps2 = drive_scale_mps2;
     e->wrong_from = HUGE_VAL;
     gyro_estimator_init(&e->own);
-    return gyro_estimator_version() == GYRO_ESTIMATOR_VERSION && gyro_estimator_size() == sizeof e->own;
+    if (gyro_estimator_version() != GYRO_ESTIMATOR_VERSION || gyro_estimator_size() != sizeof e->own)
+        return "version, which is not that of its header";
+    if (!same(GYRO_SAMPLE_RATE_HZ, board->tick_rate_Hz))
+        return "sampling rate";
+    if (GYRO_LATENCY != board->latency_ticks)
+        return "latency";
+    if (!same(GYRO_SENSE_SCALE_V, board->sense_scale_V))
+        return "sense scale";
+    if (!same(GYRO_DRIVE_SCALE_MPS2, board->drive_scale_mps2))
+        return "drive scale";
+    return NULL;
 }

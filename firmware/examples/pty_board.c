@@ -207,8 +207,9 @@ static bool set_up(station *s, const options *o) {
     hil_serial_init(&s->serial, pty_free, pty_write, &s->line);
     hil_can_init(&s->can, (uint8_t)o->node, can_free, can_put, &s->bus);
     if (o->estimator) {
-        if (!estimating_init(&s->own, config.identity.sense_scale_V, config.identity.drive_scale_mps2)) {
-            errno = ENOTSUP;
+        const char *other = estimating_init(&s->own, &config.identity);
+        if (other != NULL) {
+            fprintf(stderr, "pty_board: the estimator was written for another %s; generate it for this board\n", other);
             return false;
         }
         if (o->wrong[0] > 0.0)
@@ -217,11 +218,12 @@ static bool set_up(station *s, const options *o) {
         config.estimator = &s->own.face;
     }
     config.link = s->on_can ? &s->can.link : &s->serial.link;
-    if (!hil_board_init(&s->board, &config)) {
+    if (!hil_board_init(&s->board, &config))
         errno = EINVAL;
-        return false;
-    }
-    return s->on_can ? can_open(&s->bus, o->interface, hil_can_match(&s->can), hil_can_mask()) : pty_open(&s->line);
+    else if (s->on_can ? can_open(&s->bus, o->interface, hil_can_match(&s->can), hil_can_mask()) : pty_open(&s->line))
+        return true;
+    fprintf(stderr, "pty_board: cannot start: %s\n", strerror(errno));
+    return false;
 }
 
 /* `pty`, `can:vcan0` or `can:vcan0?node=2`. */
@@ -298,10 +300,8 @@ int main(int argc, char **argv) {
                         "[--estimator] [--wrong START_S:RATE]\n");
         return 2;
     }
-    if (!set_up(&s, &o)) {
-        fprintf(stderr, "pty_board: cannot start: %s\n", strerror(errno));
+    if (!set_up(&s, &o))
         return 2;
-    }
     (void)prctl(PR_SET_TIMERSLACK, 1);
     if (o.realtime && sched_setscheduler(0, SCHED_FIFO, &(struct sched_param){.sched_priority = 10}))
         fprintf(stderr, "pty_board: no real-time scheduling: %s\n", strerror(errno));

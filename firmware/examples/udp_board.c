@@ -180,7 +180,7 @@ static bool set_up(station *s, const char *key_file, bool estimator) {
     config.blocks_size = sizeof blocks;
     config.now_ns = board_time_ns;
     resonator_init(&s->mass, &device, 1);
-    if (estimator && estimating_init(&s->own, config.identity.sense_scale_V, config.identity.drive_scale_mps2))
+    if (estimator && estimating_init(&s->own, &config.identity) == NULL)
         config.estimator = &s->own.face;
     errno = EINVAL;
     return hil_keyed_init(&s->keyed, &keyed) && hil_board_init(&s->board, &config);

@@ -1,9 +1,13 @@
 /* The example board on a processor without an operating system: the library around a resonator, in lockstep on a UART.
  *
+ * It closes its own loop in board mode by gyro_estimator.h. An estimator written for other codes is not used, and the
+ * host is told that there is none.
+ *
  * The host is waited for between ticks, so that nothing here depends on how fast the processor is, or its emulator.
  */
 #include <string.h>
 
+#include "estimating.h"
 #include "hardware.h"
 #include "hil_board.h"
 #include "hil_serial.h"
@@ -25,6 +29,7 @@
 static hil_board board;
 static hil_serial serial;
 static resonator mass;
+static estimating own;
 static uint8_t blocks[HIL_BLOCKS_SIZE(BLOCK_ROWS, WIDTH)];
 
 static size_t room(void *context) {
@@ -51,6 +56,8 @@ static bool start(const resonator_device *device) {
     config.blocks = blocks;
     config.blocks_size = sizeof blocks;
     config.now_ns = now_ns;
+    if (estimating_init(&own, &config.identity) == NULL)
+        config.estimator = &own.face;
     resonator_init(&mass, device, SEED);
     hil_serial_init(&serial, room, put, NULL);
     return hil_board_init(&board, &config);

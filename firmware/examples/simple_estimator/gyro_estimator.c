@@ -2,8 +2,10 @@
 
 #include <math.h>
 
+#define LARGEST 0x7fffff /* no converter has more than 24 bits */
+
 /* The device as it was measured, somewhat off; the rest as examples/c-board.bench.toml has it. Per unit mass, SI. */
-static const gyro_real sample_rate = 4000.0, latency = 1.0, amplitude = 1e-4, sense_gain = 1000.0;
+static const gyro_real sample_rate = GYRO_SAMPLE_RATE_HZ, latency = GYRO_LATENCY, amplitude = 1e-4, sense_gain = 1000.0;
 static const gyro_real kxx = 1.6016e6, kyy = 1.5613e6, kxy = -1.19e4, dxx = 1.5, dyy = 1.3, dxy = 0.05;
 static const gyro_real target = 1.5791e6; /* stiffness of the controlled oscillator */
 
@@ -86,6 +88,22 @@ void estimator_step(gyro_estimator *e, const gyro_real sense_V[2], const gyro_re
     if (drive_on)
         control(e, drive_mps2);
     *angle_rad = e->angle;
+}
+
+/* The nearest code; 0 of what is not a number. */
+static int32_t code(gyro_real value) {
+    gyro_real exact = round(value / GYRO_DRIVE_SCALE_MPS2);
+    return exact > LARGEST ? LARGEST : exact < -LARGEST ? -LARGEST : exact == exact ? (int32_t)exact : 0;
+}
+
+void estimator_step_codes(gyro_estimator *e, const int32_t sense[2], const int32_t applied[2], int drive_on,
+                          int32_t drive[2]) {
+    const gyro_real sense_V[2] = {sense[0] * GYRO_SENSE_SCALE_V, sense[1] * GYRO_SENSE_SCALE_V};
+    const gyro_real applied_mps2[2] = {applied[0] * GYRO_DRIVE_SCALE_MPS2, applied[1] * GYRO_DRIVE_SCALE_MPS2};
+    gyro_real drive_mps2[2], angle;
+    estimator_step(e, sense_V, applied_mps2, drive_on, drive_mps2, &angle);
+    for (int k = 0; k < 2; k++)
+        drive[k] = code(drive_mps2[k]);
 }
 
 void gyro_estimator_read(const gyro_estimator *e, gyro_estimate *out) {

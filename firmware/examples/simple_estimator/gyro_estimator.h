@@ -8,11 +8,17 @@
 #define GYRO_ESTIMATOR_H
 
 #include <stddef.h>
+#include <stdint.h>
 
 /* Of this interface. */
 #define GYRO_ESTIMATOR_VERSION 1u
 
 typedef double gyro_real;
+
+#define GYRO_SAMPLE_RATE_HZ 4000.0 /* of the calls */
+#define GYRO_LATENCY 1             /* samples from one to the interval in which the drive computed from it acts */
+#define GYRO_SENSE_SCALE_V (0.25 / 32768.0)   /* volts of a sense code */
+#define GYRO_DRIVE_SCALE_MPS2 (10.0 / 32768.0) /* force per mass of a drive code */
 
 /* Entries of the state. */
 enum { GYRO_X, GYRO_VX, GYRO_Y, GYRO_VY, GYRO_PHI_X, GYRO_PHI_Y, GYRO_RATE, GYRO_KXX, GYRO_KYY, GYRO_KXY, GYRO_DXX,
@@ -47,6 +53,10 @@ void gyro_estimator_init(gyro_estimator *e);
  * that begins at m + latency, and to the angle. drive_on: whether that drive will be applied. */
 void estimator_step(gyro_estimator *e, const gyro_real sense_V[2], const gyro_real applied_mps2[2], int drive_on,
                     gyro_real drive_mps2[2], gyro_real *angle_rad);
+
+/* The same from codes to codes. */
+void estimator_step_codes(gyro_estimator *e, const int32_t sense[2], const int32_t applied[2], int drive_on,
+                          int32_t drive[2]);
 
 /* What the last step estimated. */
 void gyro_estimator_read(const gyro_estimator *e, gyro_estimate *out);
