@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _BITS = 16
 
 
-@said_of_arguments()
+@said_of_arguments
 def generate(
     bench: Bench | Path | str,
     *,

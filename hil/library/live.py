@@ -23,7 +23,7 @@ from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates,
 from hil.library.asked import Asked
 from hil.library.finished_run import Run
 from hil.library.series import Series
-from hil.library.words import said_of_arguments
+from hil.library.words import in_arguments_of
 from hil.progress import Watcher
 from hil.records.blocks import Columns, GrowingFile, rows_of
 from hil.records.capture import Capture
@@ -178,11 +178,12 @@ class _Following:
             interrupt()
 
     def _follow(self) -> None:
+        from hil.library.verbs import open_live  # which imports this module
         from hil.loop.run import Interrupted, run
 
         bench, url, truth = self._asked
         try:
-            with said_of_arguments():
+            with in_arguments_of(open_live):
                 run(
                     bench,
                     url,

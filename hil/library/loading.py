@@ -11,7 +11,7 @@ from hil.records.listing import named_trace
 from hil.records.runfolder import RunFolder
 
 
-@said_of_arguments()
+@said_of_arguments
 def load(run: Run | Path | str) -> Run:
     """The run in a folder; `last` is the newest in runs/.  Raises InputError where there is none, or a trace."""
     folder = folder_of("run", run, "a Run or the path of its folder")
@@ -20,7 +20,7 @@ def load(run: Run | Path | str) -> Run:
     return Run(RunFolder.open(folder))
 
 
-@said_of_arguments()
+@said_of_arguments
 def load_trace(trace: Trace | Path | str) -> Trace:
     """The trace in a folder; `last` is the newest in runs/.  Raises InputError where there is none, or a run."""
     from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which a run does without

@@ -29,7 +29,7 @@ from hil.library.loading import load_trace
 from hil.library.places import bench_file, folder_of, path_of, require
 from hil.library.series import Series
 from hil.library.tracing import Trace
-from hil.library.words import renamed, said_of_arguments
+from hil.library.words import in_arguments_of, renamed, said_of_arguments
 from hil.next_step import PASSING
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
@@ -52,13 +52,13 @@ def alarms_only(progress: Progress) -> None:
         print(printable(f"hil: UNSAFE: {progress.alarm}"), file=sys.stderr, flush=True)
 
 
-@said_of_arguments()
+@said_of_arguments
 def load_bench(name: Path | str) -> Bench:
     """The bench file at a path, or the example of that name."""
     return bench_at(bench_file("name", name, "the path of a bench file or the name of an example"))
 
 
-@said_of_arguments()
+@said_of_arguments
 def run(
     bench: Bench | Path | str,
     *,
@@ -115,14 +115,14 @@ def open_live(
     nothing is connected before the first block is asked for.
     """
     given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
-    with said_of_arguments():  # no decorator: the package gives this another name, for which its type has to be plain
+    with in_arguments_of(open_live):  # no decorator: hil.open is the same, and its type is plain
         require("note", note, str | None, "a text")
         request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
         require_consent(request, given=arm)
         return Live(request, path_of("out", out), open_loop=open_loop, note=note, progress=_watcher(progress))
 
 
-@said_of_arguments()
+@said_of_arguments
 def replay(
     record: Record,
     bench: Bench | Path | str | None = None,
@@ -150,7 +150,7 @@ def replay(
     return _run_at(done.folder)
 
 
-@said_of_arguments()
+@said_of_arguments
 @renamed(force="missing_force")
 def trace(
     record: Record,
@@ -199,7 +199,7 @@ def trace(
     return Trace(done.folder, done.diagnosis)
 
 
-@said_of_arguments()
+@said_of_arguments
 def compare(
     record: Record,
     bench: Bench | Path | str | None = None,
@@ -239,7 +239,7 @@ def compare(
     return done.methods
 
 
-@said_of_arguments()
+@said_of_arguments
 def score(run: Run | Path | str, truth: Path | str) -> Run:
     """Compare a run with the truth that its emulated board wrote; figures are in `.result` then, and on the page."""
     from hil.report import write_report
@@ -252,7 +252,7 @@ def score(run: Run | Path | str, truth: Path | str) -> Run:
     return _run_at(place)
 
 
-@said_of_arguments()
+@said_of_arguments
 def export(
     record: Run | Trace | Path | str, target: Path | str, *, to: str | None = None, what: str | Sequence[str] = ()
 ) -> Path:
@@ -271,7 +271,7 @@ def export(
     return file
 
 
-@said_of_arguments()
+@said_of_arguments
 def sweep(
     campaign: "Campaign | Mapping[str, object] | Path | str",
     *,
@@ -303,7 +303,7 @@ def sweep(
     return Sweep(plan, folder)
 
 
-@said_of_arguments()
+@said_of_arguments
 def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison:
     """Two runs, or two traces, side by side: figures with the difference b − a and its uncertainty (95 %), and the keys
     of the bench files that differ.

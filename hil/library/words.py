@@ -1,10 +1,11 @@
 """What the bench says to the command line, said to who called a function: the arguments have the options' names."""
 
+import inspect
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import wraps
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 from hil.errors import InputError, told_to_user
 from hil.wire.errors import WireError
@@ -12,14 +13,26 @@ from hil.wire.errors import WireError
 _Given = ParamSpec("_Given")
 _Answer = TypeVar("_Answer")
 _COMMAND = r"\bhil [a-z]+ [^;,)`]*"  # stays as it is: it is for a terminal
-_OPTION = re.compile(rf"{_COMMAND}|(?<!\S)--(?P<name>[a-z]+(?:-[a-z]+)*)\b(?P<place>(?=:))?")
+_OPTION = re.compile(rf"{_COMMAND}|(?<!\S)--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)\b(?P<place>(?=:))?")
+
+
+def said_of_arguments(function: Callable[_Given, _Answer]) -> Callable[_Given, _Answer]:
+    """A decorator: errors of the function speak of its arguments, see `in_arguments_of`."""
+
+    @wraps(function)
+    def called(*args: _Given.args, **given: _Given.kwargs) -> _Answer:
+        with in_arguments_of(function):
+            return function(*args, **given)
+
+    return called
 
 
 @contextmanager
-def said_of_arguments() -> Iterator[None]:
-    """What a user can mend and is raised inside becomes an InputError that speaks of arguments: `out=` for `--out`.
+def in_arguments_of(function: Callable[..., Any]) -> Iterator[None]:
+    """What a user can mend and is raised inside becomes an InputError that speaks of the arguments of `function`.
 
-    Around a call, or as a decorator.  A WireError stays one, and what is no user's fault stays as it is.
+    The words come from its signature: `--out` is said as `out=`, `--map` as `mapping=`.  An option that is no argument
+    of it stays an option.  A WireError stays one, and what is no user's fault stays as it is.
     The verbs of the command line call the same functions: `typed` keeps the options for them.
     """
     try:
@@ -29,7 +42,8 @@ def said_of_arguments() -> Iterator[None]:
     except Exception as error:
         if (told := told_to_user(error)) is None:
             raise
-        raise InputError(_OPTION.sub(_argument, told), typed=told) from None
+        known = tuple(inspect.signature(function).parameters)
+        raise InputError(_OPTION.sub(lambda found: _argument(found, known), told), typed=told) from None
 
 
 def renamed(**names: str) -> Callable[[Callable[_Given, _Answer]], Callable[_Given, _Answer]]:
@@ -47,8 +61,14 @@ def renamed(**names: str) -> Callable[[Callable[_Given, _Answer]], Callable[_Giv
     return around
 
 
-def _argument(found: re.Match[str]) -> str:
-    """The argument for an option; one that begins the line, `--out: …`, is the place itself."""
+def _argument(found: re.Match[str], known: tuple[str, ...]) -> str:
+    """The argument for an option: that of its name, or the only one that begins with it, as `duration_s` does with
+    `--duration`.  One that begins the line, `--out: …`, is the place itself.
+    """
     if found["name"] is None:
         return found[0]
-    return found["name"].replace("-", "_") + ("" if found["place"] is not None else "=")
+    name = found["name"].replace("-", "_")
+    matching = [name] if name in known else [one for one in known if one.startswith(name)]
+    if len(matching) != 1:
+        return found[0]
+    return matching[0] + ("" if found["place"] is not None else "=")

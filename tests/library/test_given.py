@@ -9,13 +9,9 @@ import pandas as pd
 import pytest
 
 import hil
-from estimator.errors import ModelError
-from hil.errors import InputError, told_to_user
 from hil.library.arrays import columns_of, write_capture
 from hil.library.series import Series
-from hil.library.words import said_of_arguments
 from hil.records.capture import read_capture
-from hil.wire.errors import LinkError
 
 STEP = 1.0 / 4000.0
 TIME = np.arange(400) * STEP
@@ -177,34 +173,3 @@ def test_an_effect_on_request_is_one_name_or_several(tmp_path: Path) -> None:
     line = refusal(lambda: hil.trace(ARRAYS, "s-slow", also="drag_radiall", out=tmp_path))
     assert line == "also: no effect 'drag_radiall'; did you mean drag_radial?"
     assert refusal(lambda: hil.trace(ARRAYS, "s-slow", fraction=2, out=tmp_path)).startswith("fraction: 2 is no share")
-
-
-@pytest.mark.parametrize(
-    ("line", "said"),
-    [
-        ("--fraction: 2 is no share of the record", "fraction: 2 is no share of the record"),
-        ("f: exists already; give another --out, or remove it", "f: exists already; give another out=, or remove it"),
-        (
-            "f: torn; hil check --repair keeps the rows before it",
-            "f: torn; hil check --repair keeps the rows before it",
-        ),
-        ("give --hold-out", "give hold_out="),
-        ("a--b.toml: no such file", "a--b.toml: no such file"),
-    ],
-)
-def test_options_are_said_as_arguments(line: str, said: str) -> None:
-    with pytest.raises(InputError) as told, said_of_arguments():
-        raise InputError(line)
-    assert str(told.value) == said
-    assert told_to_user(told.value) == line  # which the command line prints, as its verbs call the same functions
-
-
-def test_what_a_user_can_mend_is_an_input_error_and_a_link_stays_one() -> None:
-    with pytest.raises(InputError, match="no such thing"), said_of_arguments():
-        raise ModelError("no such thing")
-    with pytest.raises(InputError, match="no such file"), said_of_arguments():
-        Path("/absent/file").read_text(encoding="utf-8")
-    with pytest.raises(LinkError, match="--link"), said_of_arguments():
-        raise LinkError("--link")
-    with pytest.raises(ZeroDivisionError), said_of_arguments():
-        raise ZeroDivisionError
