@@ -66,6 +66,7 @@ def import_(
             "lost": capture.lost,
             "gaps": capture.gaps,
             "left_out": imported.left_out,
+            "said": imported.said,
             "axes": capture.axes,
             "hold": capture.hold,
         }
@@ -77,6 +78,8 @@ def import_(
             f"{target}: {len(capture)} samples of {imported.of_rows} rows at {capture.tick_rate_Hz:g} Hz, {axes}, "
             f"{capture.hold}{gone}"
         )
+        for remark in imported.said:
+            say(f"  {remark}")
         if imported.left_out:
             say(f"  left out, as no channel is called so: {', '.join(imported.left_out)}")
 

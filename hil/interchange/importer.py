@@ -31,11 +31,13 @@ PLAIN = RecordMap(hold="zoh")
 
 
 class Imported(NamedTuple):
-    """The capture read back; rows of the source that were gone through; columns of it that no channel is."""
+    """The capture read back; rows of the source that were gone through; columns of it that no channel is; what was
+    done to the record."""
 
     capture: Capture
     of_rows: int
     left_out: tuple[str, ...]
+    said: tuple[str, ...] = ()
 
 
 def import_record(
@@ -179,7 +181,10 @@ def _written(
         told=made.told | ({"prepared": [*said, *made.told.get("prepared", ())]} if said else {}),
     )
     write_columns(target, layout, {name: made.channels[name] for name in names}, time.tick if time.lost else None)
-    return Imported(read_capture(target), table.of, asked.left_out)
+    capture = read_capture(target)
+    moved = None if stamps is None or mapping.steady else stamps.moved_from()
+    told = () if moved is None else (f"t_s starts at 0, which is {moved} in {source.called}",)
+    return Imported(capture, table.of, asked.left_out, (*told, *capture.prepared))
 
 
 def _of_where(source: Source, name: str) -> int:

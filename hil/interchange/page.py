@@ -103,8 +103,9 @@ for an empty cell of a text. A code that the list lacks is refused all the same,
 _TIME = """
 **Time** in `t_s` is a number in its unit, of any size: whole numbers are subtracted before they are rounded, so that
 nanoseconds since 1970 are exact. `unit = "iso"` takes text of ISO 8601 (dates with or without a zone, times of a
-day), and columns whose type is a date or a length of time; a date counts from the first row. Where the time stands in
-two columns, `add` sums them:
+day), and columns whose type is a date or a length of time. A date counts from the first row. So does a number so large
+that a float could not tell its steps to a millionth, as seconds since 1970 at 100 Hz: `t_s` starts at 0, and the import
+says which time that is in the file. Where the time stands in two columns, `add` sums them:
 
 ```toml
 hold = "zoh"
@@ -117,7 +118,7 @@ Stamps that were rounded (a millisecond at 400 Hz, single precision) are no unev
 hundredth of a step it is passed over. Beyond that the import names the rate that fits all stamps:
 `sampling_rate_Hz = 400.0` beside `t_s` takes it, and the stamps say which sample each row is, so that a gap stays one.
 A stamp that stands twice is a row written twice, and is refused with its row, unless there is more than one sample to
-a stamp. Only what no rate fits asks for `--nonuniform`; where it is given to others, the diagnosis says so.
+a stamp. Only what no rate fits asks for `--nonuniform`; where it is given to others, import and diagnosis say so.
 """
 
 _COLUMN = """

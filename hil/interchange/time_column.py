@@ -23,12 +23,13 @@ _SECONDS = {"D": 86400.0, "h": 3600.0, "m": 60.0, "s": 1.0, "ms": 1e-3, "us": 1e
 class Stamps(NamedTuple):
     """elapsed (n,): seconds since the first row, NaN where the time is missing; start: the first row's time, None where
     it is a date; digit: what the stamps are rounded to, in seconds, 0 where that is nothing; given: the time as it
-    stands, where that was a float."""
+    stands, where that was a float; date: that of the first row, as ISO 8601."""
 
     elapsed: Floats
     start: float | None
     digit: float
     given: Floats | None = None
+    date: str | None = None
 
     def plus(self, other: "Stamps") -> "Stamps":
         """The sum of two columns."""
@@ -38,11 +39,21 @@ class Stamps(NamedTuple):
 
     def seconds(self) -> Floats:
         """As time of a record: from the first row on where it is a date, or where a float could not tell the steps."""
+        whole = self._whole()
+        return self.elapsed if whole is None else whole
+
+    def moved_from(self) -> str | None:
+        """The first row's time where the record's starts at 0 instead; None where it stays."""
+        if self._whole() is not None or (self.start == 0.0 and self.date is None):
+            return None
+        return self.date if self.start is None else f"{self.start:.15g} s"
+
+    def _whole(self) -> Floats | None:
         if self.start is None or not np.isfinite(self.start):
-            return self.elapsed
+            return None
         whole = self.start + self.elapsed if self.given is None else self.given
         usual = float(np.nanmedian(np.abs(np.diff(self.elapsed)))) if self.elapsed.size > 1 else 1.0
-        return whole if float(np.spacing(np.nanmax(np.abs(whole)))) < 1e-6 * usual else self.elapsed
+        return whole if float(np.spacing(np.nanmax(np.abs(whole)))) < 1e-6 * usual else None
 
 
 def stamps_of(values: npt.NDArray[Any], unit: str | None, scale: float = 1.0, offset: float = 0.0) -> Stamps:
@@ -144,7 +155,9 @@ def _dated(values: npt.NDArray[Any], scale: float, offset: float) -> Stamps:
     elapsed = (counts - first).astype(float) * one
     elapsed[missing] = np.nan
     start = None if values.dtype.kind == "M" else first * one * scale + offset
-    return Stamps(elapsed * scale, start, _digit_of_whole(counts[~missing]) * one * abs(scale))
+    digit = _digit_of_whole(counts[~missing]) * one * abs(scale)
+    date = str(values[~missing][0]) if start is None and (~missing).any() else None
+    return Stamps(elapsed * scale, start, digit, date=date)
 
 
 def _whole(values: npt.NDArray[Any]) -> Floats:

@@ -1,14 +1,20 @@
 """Time of every kind, in every kind of source, is the same time."""
 
+import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from hil.cli.import_ import import_
 from hil.errors import InputError
+from hil.interchange.array_source import ArraySource
+from hil.interchange.importer import import_from
+from hil.interchange.mapping import read_map
 from hil.interchange.rounded_time import rounded_grid, stated_grid
 from hil.interchange.time_column import stamps_of
+from hil.records.capture import read_capture
 from tests.interchange.written import MAP, ROWS, X_V, bring
 
 STEP_NS = 2_500_000
@@ -54,6 +60,45 @@ def test_the_same_time(tmp_path: Path, kind: str, name: str) -> None:
     assert (capture.uniform, capture.lost, capture.tick_rate_Hz) == (True, 0, pytest.approx(400.0))
     elapsed = capture.t_s - capture.t_s[0]
     np.testing.assert_allclose(elapsed, STEP_NS * 1e-9 * COUNT, atol=1e-7 if name.startswith("single") else 1e-12)
+
+
+@pytest.mark.parametrize(
+    ("first_s", "rate_Hz", "told"),
+    [
+        (1_700_000_000, 100.0, "t_s starts at 0, which is 1700000000 s in r.csv"),
+        (1_700_000_000.25, 4000.0, "t_s starts at 0, which is 1700000000.25 s in r.csv"),
+        (1e8, 100.0, "t_s starts at 0, which is 100000000 s in r.csv"),
+        (1_700_000_000, 0.1, None),  # a float tells its steps
+        (5.0, 100.0, None),
+        (0.0, 100.0, None),
+    ],
+)
+def test_the_import_tells_which_time_the_zero_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any, first_s: float, rate_Hz: float, told: str | None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    rows = (f"{first_s + count / rate_Hz:.6f},{np.sin(0.3 * count):.6f}" for count in range(ROWS))
+    Path("r.csv").write_text("\n".join(["t_s,vx_V", *rows]), encoding="utf-8")
+    import_(Path("r.csv"))
+    capture = read_capture(Path("r.arrow"))
+    np.testing.assert_allclose(capture.t_s - capture.t_s[0], COUNT / rate_Hz, rtol=1e-6, atol=1e-6)
+    assert capture.t_s[0] == (first_s if told is None else 0.0)
+    line = "".join(capsys.readouterr())
+    assert ("starts at 0" in line) == (told is not None)
+    assert told is None or f"\n  {told}\n" in line
+    import_(Path("r.csv"), replace=True, json=True)
+    assert json.loads(capsys.readouterr().out)["said"] == ([] if told is None else [told])
+
+
+@pytest.mark.parametrize("name", ["dates", "nanoseconds", "text with a zone"])
+def test_a_time_of_another_kind_tells_its_zero_too(tmp_path: Path, name: str) -> None:
+    values, unit = TIMES[name]
+    map_file = tmp_path / "m.map.toml"
+    map_file.write_text(MAPPED.replace('unit = "s"', f'unit = "{unit}"'), encoding="utf-8")
+    source = ArraySource({"t": values, "x": X_V}, "the arrays")
+    made = import_from(source, tmp_path / "c.arrow", read_map(map_file), map_file=map_file)
+    start = "1767620467.35047 s" if name == "nanoseconds" else "2026-01-05T13:41:07.350470700"
+    assert made.said == (f"t_s starts at 0, which is {start} in the arrays",)
 
 
 @pytest.mark.parametrize("kind", ["text", "Parquet", "arrays"])
