@@ -86,7 +86,7 @@ class Stream:
                 began = True
                 yield said
             elif said["kind"] == "error":
-                raise InputError(said["error"])
+                raise InputError(f"{said['error']}; {said['remedy']}")
             elif said["kind"] == "state" and began and said["run"] is None:
                 return
 

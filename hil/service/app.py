@@ -99,5 +99,5 @@ async def ticket(request: Request, wanted: TicketFor) -> Ticket:
 async def audit(request: Request, limit: int = 1000) -> list[dict[str, Any]]:
     """Who changed what, the newest first."""
     if not 1 <= limit <= 10_000:
-        raise Problem(422, f"limit: {limit} is not between 1 and 10000")
+        raise Problem(422, f"limit: {limit} is not between 1 and 10000", "give a number in that range")
     return service_of(request).audit.entries(limit)

@@ -16,6 +16,13 @@ from hil.wire.errors import WireError
 _UNDONE = "nothing was done; make room and ask again"
 _LONGEST = 400  # characters of a line: what was sent may be quoted in it
 _LOG = logging.getLogger("hil.service")
+_OTHERWISE = {
+    404: "GET /openapi.json lists what there is",
+    413: "send less, or do it beside the service with hil",
+    503: "ask again; hil serve's output says why, where it stays so",
+    507: _UNDONE,
+}
+_ASK_RIGHTLY = "GET /openapi.json says what is expected"
 _UNKNOWN = {
     404: ("there is nothing here", "GET /openapi.json, or /docs for people, lists what there is"),
     405: ("this is not done to it", "GET /openapi.json lists what is"),
@@ -23,11 +30,12 @@ _UNKNOWN = {
 
 
 class Problem(Exception):
-    """A request that is refused with `status`; `error` and `remedy` are one line each."""
+    """A request that is refused with `status`; `error` and `remedy` are one line each, see `in_two`."""
 
     def __init__(self, status: int, error: str, remedy: str = "") -> None:
         super().__init__(error)
-        self.status, self.error, self.remedy = status, _line(error), _line(remedy)
+        self.status = status
+        self.error, self.remedy = in_two(status, error, remedy)
 
 
 class ProblemBody(BaseModel):
@@ -35,13 +43,24 @@ class ProblemBody(BaseModel):
 
     error: str
     """what is wrong, one line"""
-    remedy: str = ""
-    """what to do about it, one line, may be empty"""
+    remedy: str
+    """what to do about it, one line"""
 
 
 def problem_response(status: int, error: str, remedy: str = "") -> JSONResponse:
     """The answer that refuses."""
-    return JSONResponse({"error": _line(error), "remedy": _line(remedy)}, status)
+    what, then = in_two(status, error, remedy)
+    return JSONResponse({"error": what, "remedy": then}, status)
+
+
+def in_two(status: int, error: str, remedy: str = "") -> tuple[str, str]:
+    """What is wrong and what to do about it, one line each, neither empty: where no remedy is given it is the end of
+    the error, behind its last semicolon, as errors of the library have it; else what helps with most of that status.
+    """
+    if not remedy:
+        said, mark, last = error.rpartition("; ")
+        error, remedy = (said, last) if mark and last.strip() else (error, _OTHERWISE.get(status, _ASK_RIGHTLY))
+    return _line(error) or "refused", _line(remedy)
 
 
 def answer_problems(app: FastAPI) -> None:
@@ -62,7 +81,7 @@ def answer_problems(app: FastAPI) -> None:
     async def _invalid(_: Request, error: RequestValidationError) -> JSONResponse:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
-        return problem_response(422, f"{place}: {first['msg']}", "GET /openapi.json says what is expected")
+        return problem_response(422, f"{place}: {first['msg']}", _ASK_RIGHTLY)
 
     @app.exception_handler(InputError)
     @app.exception_handler(ModelError)

@@ -146,7 +146,7 @@ async def upload(request: Request) -> dict[str, Any]:
         announced = request.headers.get("content-length", "0")
         if not announced.isascii() or not announced.isdigit() or len(announced) > 18 or int(announced) > most:
             raise TooLarge(f"larger than the {uploads.most_bytes >> 20} MB that are taken; import it with hil import")
-        async with bounded.form(max_files=2, max_fields=4) as form:
+        async with bounded.form(max_files=4, max_fields=4) as form:
             for part in ("record", "map"):
                 if len(form.getlist(part)) > 1:
                     raise Problem(422, f"more than one {part} in the form", "send each record in a request of its own")
@@ -157,7 +157,7 @@ async def upload(request: Request) -> dict[str, Any]:
             try:
                 await receiving.record(_pieces(record))
                 if isinstance(given, UploadFile) and given.size:
-                    await receiving.map(_pieces(given))
+                    await receiving.map(_pieces(given), given.filename or "")
                 found = receiving.done()
             except BaseException:
                 receiving.give_up()
@@ -168,7 +168,7 @@ async def upload(request: Request) -> dict[str, Any]:
         room = "make room where TMPDIR is and beside the runs, or import it with hil import"
         raise Problem(507, f"the upload: {(error.strerror or 'cannot be written').lower()}", room) from None
     except (InputError, ClientDisconnect, ValueError) as error:
-        raise Problem(400, str(error) or "the upload was cut off") from None
+        raise Problem(400, str(error) or "the upload was cut off; send it again") from None
     try:
         service_of(request).audit.note(holder_of(request), "record uploaded", upload=found.id, bytes=found.bytes)
     except Problem:

@@ -41,6 +41,7 @@ def test_a_refusal_is_one_line_and_a_remedy(service: Serving, method: str, path:
     body = answer.json()
     assert set(body) == {"error", "remedy"}
     assert body["error"]
+    assert body["remedy"]
     assert "\n" not in body["error"] + body["remedy"]
 
 

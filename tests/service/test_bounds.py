@@ -97,7 +97,8 @@ def refused(answer: httpx.Response, begin: float, *statuses: int) -> str:
     body = answer.json()
     assert set(body) == {"error", "remedy"}
     for line in body.values():
-        assert line == "" or line.isprintable()
+        assert line, body
+        assert line.isprintable()
         assert len(line) <= 400
     return str(body["error"])
 

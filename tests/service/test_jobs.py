@@ -313,13 +313,15 @@ async def _pieces(*pieces: bytes) -> Any:
         yield piece
 
 
-def _upload(uploads: Uploads, name: str, record: bytes, given: bytes | None = None) -> str:
+def _upload(
+    uploads: Uploads, name: str, record: bytes, given: bytes | None = None, map_name: str = "beam.map.toml"
+) -> str:
     import asyncio
 
     receiving = uploads.begin(name)
     asyncio.run(receiving.record(_pieces(record)))
     if given is not None:
-        asyncio.run(receiving.map(_pieces(given)))
+        asyncio.run(receiving.map(_pieces(given), map_name))
     return receiving.done().id
 
 
@@ -350,11 +352,44 @@ vy = { column = "b", unit = "V" }
 """
     upload = _upload(watched.uploads, "ride.csv", text, given)
     row = ended(watched, AskedImport(kind="import", upload=upload))
-    if row["state"] == "failed":  # what the map must look like is not this test's: it was the map that was read
-        assert "map" in row["error"]
-        assert str(watched.uploads._folder) not in row["error"] or "map.toml" in row["error"]
-    else:
-        assert row["result"]["tick_rate_Hz"] == 1000.0
+    assert (row["state"], row["error"]) == ("done", None)
+    assert row["result"]["tick_rate_Hz"] == 1000.0
+
+
+_MAP = b"""sampling_rate_Hz = 1000.0
+hold = "zoh"
+[columns]
+vx = { column = "a", unit = "V" }
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("record", "given", "error"),
+    [
+        (b"b\n1\n2\n", _MAP, "My Ride.csv: no column 'a' for vx; "),
+        (b"a\n1\nx\n", _MAP, "My Ride.csv:3: column a (vx): 'x' is not a number"),
+        (b"a\n1\n2\n", _MAP.replace(b"hold", b"hodl"), "C:beam.map.toml: "),
+        (b"a\n1\n2\n", b"[[[", "C:beam.map.toml: not TOML: "),
+    ],
+)
+def test_errors_of_an_import_name_the_files_as_they_were_sent(
+    watched: Watched, record: bytes, given: bytes, error: str
+) -> None:
+    upload = _upload(watched.uploads, "C:\\me/My Ride.csv", record, given, "~/C:beam.map.toml")
+    row = ended(watched, AskedImport(kind="import", upload=upload))
+    assert row["state"] == "failed"
+    assert row["error"].startswith(error)
+    assert upload not in row["error"]
+    assert str(watched.runs) not in row["error"]
+
+
+@pytest.mark.slow
+def test_errors_of_a_job_name_files_of_the_bench_as_they_were_asked_for(watched: Watched) -> None:
+    (watched.runs / "half.bench.toml").write_text("[device]\nname = 5\n")
+    asked = AskedRun(kind="run", bench="half.bench.toml", link="inproc:s-slow")
+    row = ended(watched, asked)
+    assert row["error"].startswith("half.bench.toml: ")
 
 
 @pytest.mark.long

@@ -80,6 +80,8 @@ def require_one_line(answer: Any, begin: float, what: str) -> None:
     body = answer.json()
     assert set(body) == {"error", "remedy"}, what
     assert body["error"].isprintable(), what
+    assert body["remedy"].isprintable(), what
+    assert body["remedy"], what
     assert len(body["error"]) <= 400, what
 
 

@@ -220,6 +220,23 @@ def test_a_trace_by_a_job_and_its_effect_added(bench: Serving) -> None:
     assert ratio["b"] < 1.1 < ratio["a"]
 
 
+@pytest.mark.moderate
+@pytest.mark.parametrize(
+    ("parts", "twice"),
+    [(("record", "record"), "record"), (("record", "map", "map"), "map"), (("map", "record", "record"), "record")],
+)
+def test_an_upload_of_two_files_of_one_kind_is_refused_whole(
+    bench: Serving, parts: tuple[str, ...], twice: str
+) -> None:
+    files = [(part, (f"{number}.csv", "t_s,vx_V\n0,1\n1,2\n")) for number, part in enumerate(parts)]
+    answer = bench.ask("POST", "/api/uploads", files=files)
+    assert answer.status_code == 422
+    assert answer.json() == {
+        "error": f"more than one {twice} in the form", "remedy": "send each record in a request of its own"
+    }  # fmt: skip
+    assert not list((bench.folder / ".service" / "uploads").iterdir())
+
+
 @pytest.mark.slow
 def test_an_upload_is_bounded_and_imported(bench: Serving) -> None:
     lines = "\n".join(f"{0.001 * n:.4f},{n % 7},{n % 5},0.1,0.2" for n in range(500))
@@ -233,8 +250,6 @@ def test_an_upload_is_bounded_and_imported(bench: Serving) -> None:
     assert bench.ask("GET", f"/api/runs/{run}").json()["state"] == "recorded"
     assert not list((bench.folder / ".service" / "uploads").iterdir())  # it has been imported
     assert bench.ask("POST", "/api/uploads", files={"record": ("a.exe", "x")}).status_code == 400
-    two = [("record", ("a.csv", "x")), ("record", ("b.csv", "x"))]
-    assert bench.ask("POST", "/api/uploads", files=two).status_code == 422
     assert bench.ask("POST", "/api/uploads", files={"other": ("a.csv", "x")}).status_code == 400
     assert bench.ask("POST", "/api/uploads", content=b"junk").status_code == 400
     large = {"content-length": str(10**12), "content-type": "multipart/form-data; boundary=x"}

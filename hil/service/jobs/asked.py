@@ -85,7 +85,8 @@ class AskedSweep(_Asked):
 Asked = Annotated[AskedRun | AskedTrace | AskedReplay | AskedImport | AskedSweep, Field(discriminator="kind")]
 
 Order = dict[str, Any]
-"""What a job's process is told: keywords of `hil.service.jobs.work`, JSON values."""
+"""What a job's process is told: keywords of `hil.service.jobs.work`, JSON values; `called` is what who asked calls the
+files, by their paths."""
 
 
 def order_of(asked: Asked, runs: Path, path_of: Callable[[str], Path], uploads: Uploads) -> Order:
@@ -97,18 +98,25 @@ def order_of(asked: Asked, runs: Path, path_of: Callable[[str], Path], uploads: 
     if isinstance(asked, AskedImport):
         upload = uploads.of(asked.upload)
         told["upload"] = str(upload.record)
-        given = upload.map or (None if asked.map is None else found(runs, "map", asked.map))
-        return told | {"map": None if given is None else str(given)}
+        called = dict(upload.called)
+        told["map"] = None if upload.map is None else str(upload.map)
+        if upload.map is None and asked.map is not None:
+            told["map"] = str(found(runs, "map", asked.map))
+            called[told["map"]] = Path(told["map"]).name
+        return told | {"called": called}
     if isinstance(asked, AskedSweep):
-        return told | {"campaign": str(found(runs, "campaign", asked.campaign)), "called": asked.campaign}
+        campaign = found(runs, "campaign", asked.campaign)
+        return told | {"campaign": str(campaign), "typed": asked.campaign, "called": {str(campaign): campaign.name}}
     if isinstance(asked, AskedRun):
         bench = found(runs, "bench", asked.bench)
-        return told | {"bench": str(bench), "link": _link(asked.link, bench, runs)}
-    told["run"] = str(path_of(asked.run))
+        return told | {"bench": str(bench), "link": _link(asked.link, bench, runs), "called": {str(bench): bench.name}}
+    told |= {"run": str(path_of(asked.run)), "called": {str(path_of(asked.run)): path_of(asked.run).name}}
     if asked.bench is not None:
         told["bench"] = str(found(runs, "bench", asked.bench))
+        told["called"][told["bench"]] = Path(told["bench"]).name
     if isinstance(asked, AskedReplay) and asked.effects_of is not None:
         told["effects_of"] = str(path_of(asked.effects_of))
+        told["called"][told["effects_of"]] = Path(told["effects_of"]).name
     return told
 
 

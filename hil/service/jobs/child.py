@@ -83,6 +83,7 @@ def main(place: Path) -> None:
     ending, told = _Ending(), _Told()
     threading.Thread(target=ending.wait, name="ending", daemon=True).start()
     outcome: dict[str, Any] = {"state": "failed", "error": None, "result": {}, "began": time.time()}
+    called: dict[str, str] = {}
 
     def began(run: str) -> None:
         outcome["result"] = {"run": run}
@@ -92,6 +93,7 @@ def main(place: Path) -> None:
         try:
             os.nice(_NICE)
             order = json.loads((place / ORDER).read_text())
+            called = order["do"].get("called", {})
             if order["do"]["kind"] == "import":
                 from hil.service.jobs.limits import limit_this_process
 
@@ -104,12 +106,19 @@ def main(place: Path) -> None:
             words = "; ".join(one for one in (ending.why or "interrupted", str(interruption)) if one)
             outcome |= {"state": "cancelled" if ending.why == CANCELLED else "failed", "error": words}
         except Exception as error:  # noqa: BLE001 - whatever it was, the job has an outcome that says so
-            outcome["error"] = told_to_user(error) or fault_line(error)
+            outcome["error"] = _as_asked(told_to_user(error) or fault_line(error), called)
             traceback.print_exc()
         ending.done.set()
         write_text(place / OUTCOME, json.dumps({**outcome, "ended": time.time()}) + "\n")
     sys.stdout.flush()
     os._exit(_code(outcome))  # what a library leaves running has nothing to say any more
+
+
+def _as_asked(error: str, called: dict[str, str]) -> str:
+    """An error that calls files as who asked calls them: an upload's path here says nothing to its sender."""
+    for path in sorted(called, key=len, reverse=True):
+        error = error.replace(path, called[path])
+    return error
 
 
 def _code(outcome: dict[str, Any]) -> int:

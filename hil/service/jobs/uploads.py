@@ -3,22 +3,25 @@
 Nothing of a name that a client gives becomes part of a path but one of a few endings.
 """
 
+import json
 import re
 import secrets
 import shutil
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
 
-from hil.errors import InputError
+from hil.errors import InputError, printable
 
 MOST_BYTES = 512 << 20
 MOST_MAP_BYTES = 1 << 20
 MOST_AT_ONCE = 20
 ENDINGS = (".csv", ".csv.gz", ".mat", ".parquet")
 _KEPT_S = 86_400.0
+_CALLED = "called.json"
+_LONGEST_NAME = 100
 _ID = re.compile(r"[0-9a-f]{24}")
 
 
@@ -27,12 +30,14 @@ class TooLarge(InputError):
 
 
 class Upload(NamedTuple):
-    """What was received: the record, and the map of its columns where one came along."""
+    """What was received: the record, and the map of its columns where one came along; called: what the client calls
+    each file, by its path here."""
 
     id: str
     record: Path
     map: Path | None
     bytes: int
+    called: Mapping[str, str]
 
 
 class Uploads:
@@ -54,7 +59,7 @@ class Uploads:
             raise TooLarge(f"{MOST_AT_ONCE} uploads wait already; import them first")
         place = self._folder / secrets.token_hex(12)
         place.mkdir(mode=0o700)
-        return Receiving(place, place / f"record{ending}", self.most_bytes)
+        return Receiving(place, place / f"record{ending}", name, self.most_bytes)
 
     def of(self, upload: str) -> Upload:
         """The upload of that id. Raises InputError where there is none."""
@@ -62,8 +67,7 @@ class Uploads:
         records = list(place.glob("record.*")) if _ID.fullmatch(upload) and place.is_dir() else []
         if not records:
             raise InputError(f"{upload[:60]}: no such upload; it was imported, or is older than a day")
-        given = place / "map.toml"
-        return Upload(upload, records[0], given if given.exists() else None, records[0].stat().st_size)
+        return _upload(place, records[0])
 
     def remove(self, upload: str) -> None:
         """Remove the upload of that id, if it is there."""
@@ -81,25 +85,26 @@ class Uploads:
 class Receiving:
     """An upload on its way; `give_up` removes what came of it."""
 
-    def __init__(self, place: Path, record: Path, most_bytes: int) -> None:
+    def __init__(self, place: Path, record: Path, name: str, most_bytes: int) -> None:
         self._place, self._record = place, record
+        self._called = {str(record): _shown(name, record.name)}
         self._most = {record: most_bytes, place / "map.toml": MOST_MAP_BYTES}
 
     async def record(self, pieces: AsyncIterator[bytes]) -> None:
         """Receive the record. Raises TooLarge."""
         await self._receive(self._record, pieces)
 
-    async def map(self, pieces: AsyncIterator[bytes]) -> None:
-        """Receive the map. Raises TooLarge."""
+    async def map(self, pieces: AsyncIterator[bytes], name: str = "") -> None:
+        """Receive the map, which the client calls `name`. Raises TooLarge."""
+        self._called[str(self._place / "map.toml")] = _shown(name, "map.toml")
         await self._receive(self._place / "map.toml", pieces)
 
     def done(self) -> Upload:
         """All has come. Raises InputError where no record has."""
         if not self._record.exists() or not self._record.stat().st_size:
             raise InputError("no record came; send a file that is not empty")
-        given = self._place / "map.toml"
-        size = self._record.stat().st_size
-        return Upload(self._place.name, self._record, given if given.exists() else None, size)
+        (self._place / _CALLED).write_text(json.dumps(self._called), encoding="utf-8")
+        return _upload(self._place, self._record)
 
     def give_up(self) -> None:
         """Remove what came."""
@@ -113,3 +118,14 @@ class Receiving:
                 if size > most:
                     raise TooLarge(f"larger than the {most >> 20} MB that are taken; import it with hil import")
                 file.write(piece)
+
+
+def _upload(place: Path, record: Path) -> Upload:
+    given, names = place / "map.toml", place / _CALLED
+    called = json.loads(names.read_text(encoding="utf-8")) if names.exists() else {}
+    return Upload(place.name, record, given if given.exists() else None, record.stat().st_size, called)
+
+
+def _shown(name: str, otherwise: str) -> str:
+    """A client's name of a file as errors show it: no folder, and nothing that a terminal would obey."""
+    return printable(re.split(r"[/\\]", name)[-1])[-_LONGEST_NAME:] or otherwise

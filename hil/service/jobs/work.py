@@ -86,7 +86,7 @@ def _sweep(order: dict[str, Any], out: Path, _: Path, __: Said, progress: Watche
     from hil.sweeping.plan import read_plan
     from hil.sweeping.sweep import sweep
 
-    plan = read_plan(Path(order["campaign"]), called=order["called"])
+    plan = read_plan(Path(order["campaign"]), called=order["typed"])
     folder = out / plan.campaign.name
     workers = order.get("workers") or max(local.cores() // 2, 1)
     done = sweep(plan, folder, workers=workers, progress=progress)
