@@ -1,0 +1,1 @@
+"""Emulators written from the equations of the reference pages alone: devices, loops and records for tracing."""
