@@ -12,6 +12,7 @@ from pathlib import Path
 from hil.errors import InputError
 from hil.records.run_name import checked_name
 from hil.records.text_seal import sealed
+from hil.wire.regular_file import require_regular
 
 _MOST_BYTES = 1 << 26
 
@@ -42,7 +43,10 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def read_json(path: Path) -> bytes:
-    """The bytes of a file that no JSON of this bench is longer than. Raises OSError, also of a longer one."""
+    """The bytes of a file that no JSON of this bench is longer than. Raises OSError, also of a longer one and of what
+    is no file.
+    """
+    require_regular(path)
     with path.open("rb") as file:
         text = file.read(_MOST_BYTES + 1)
     if len(text) > _MOST_BYTES:

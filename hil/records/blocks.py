@@ -30,6 +30,7 @@ from hil.records.seal import (
     is_sealed,
     lengths_of,
 )
+from hil.wire.regular_file import require_regular
 
 _PIECE_ROWS = 1 << 18
 """Rows that are read together where a record is gone through from one end to the other."""
@@ -395,12 +396,25 @@ class _Passage:
 @contextmanager
 def opened(path: Path, kind: str) -> Iterator[BufferedReader]:
     """The file, open. Raises InputError where it cannot be read."""
-    try:
-        with path.open("rb") as file:
+    with open_record(path, kind) as file:
+        try:
             yield file
+        except OSError as error:
+            raise _unreadable(path, kind, error) from None
+
+
+def open_record(path: Path, kind: str) -> BufferedReader:
+    """The same, to be closed. What is no file is not opened: a pipe would be waited for."""
+    try:
+        require_regular(path)
+        return path.open("rb")
     except OSError as error:
-        reason = (error.strerror or "unreadable").lower()
-        raise InputError(f"{path}: cannot be read ({reason}); give an existing {kind} file") from None
+        raise _unreadable(path, kind, error) from None
+
+
+def _unreadable(path: Path, kind: str, error: OSError) -> InputError:
+    reason = (error.strerror or "unreadable").lower()
+    return InputError(f"{path}: cannot be read ({reason}); give an existing {kind} file")
 
 
 def _called(kind: str | None) -> str:

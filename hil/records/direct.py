@@ -16,7 +16,7 @@ import pyarrow as pa
 from crc32c import crc32c
 
 from hil.errors import InputError
-from hil.records.blocks import Opening, read_opening
+from hil.records.blocks import Opening, open_record, read_opening
 from hil.records.layout import HEADER_KEY
 from hil.records.seal import PREFIX, BrokenBlockError, checked_head, head_length, lengths_of, stated_head
 
@@ -69,11 +69,7 @@ class DirectRecord:
 
     def __init__(self, path: Path, kind: str | None = None) -> None:
         self.path = path
-        try:
-            self._file = path.open("rb")
-        except OSError as error:
-            reason = (error.strerror or "unreadable").lower()
-            raise InputError(f"{path}: cannot be read ({reason}); give an existing {kind or 'record'} file") from None
+        self._file = open_record(path, kind or "record")
         try:
             self._opening: Opening = read_opening(path, self._file, kind)
             if self._opening.heads is None:

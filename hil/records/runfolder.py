@@ -14,6 +14,7 @@ from hil.records.innovation import Innovation, read_innovation
 from hil.records.kind import TRACE, kind_of
 from hil.records.text_seal import require_unchanged
 from hil.records.timing import Timing, read_timing
+from hil.wire.regular_file import require_regular
 
 if TYPE_CHECKING:
     from hil.records.result import Result
@@ -96,6 +97,7 @@ class RunFolder:
         if not self.bench_path.exists():
             return ""
         try:
+            require_regular(self.bench_path)
             data = self.bench_path.read_bytes()
             text = data.decode("utf-8")
         except (OSError, UnicodeDecodeError):

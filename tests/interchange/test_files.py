@@ -2,6 +2,7 @@
 
 import gzip
 import os
+import socket
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,13 @@ from hil.cli.files import fresh
 from hil.errors import InputError
 from hil.examples import find
 from hil.interchange.importer import import_file
+from hil.records.blocks import scan_blocks
+from hil.records.capture import read_capture
+from hil.records.direct import DirectRecord
+from hil.records.json_file import load as load_json
+from hil.records.listing import listed
+from hil.records.result import Result
+from hil.service.catalogue.entry import read_entry
 from hil.strict_toml import parse_table, read_table
 from tests.interchange.written import T_S, X_V
 
@@ -41,12 +49,42 @@ def refused(source: Path, mapping: str | None = None) -> str:
 def named(place: Path) -> dict[str, Path]:
     os.mkfifo(place / "fifo")
     (place / "link").symlink_to(place / "fifo")
-    return {"a named pipe": place / "fifo", "a device": Path("/dev/zero"), "a directory": place, "link": place / "link"}
+    with socket.socket(socket.AF_UNIX) as one:
+        one.bind(str(place / "socket"))
+    return {
+        "a named pipe": place / "fifo", "a device": Path("/dev/zero"), "a directory": place, "link": place / "link",
+        "a socket": place / "socket", "of the kernel": Path("/proc/kmsg"), "kernel's text": Path("/proc/cpuinfo"),
+    }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ["a named pipe", "a device", "a directory", "link"])
+KINDS = ("a named pipe", "a device", "a directory", "link", "a socket", "of the kernel", "kernel's text")
+TOLD = {"link": "a named pipe", "of the kernel": "made by the kernel", "kernel's text": "made by the kernel"}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_no_file_is_no_record_either(tmp_path: Path, kind: str) -> None:
+    path, told = named(tmp_path)[kind], f"is {TOLD.get(kind, kind)}"
+    for read in (lambda: read_capture(path), lambda: scan_blocks(path, None), lambda: DirectRecord(path)):
+        with pytest.raises(InputError, match=told):
+            read()
+    with pytest.raises(InputError, match=told):
+        load_json(path, Result, give="another", anew="make it anew")
+
+
+@pytest.mark.parametrize("name", ["capture.arrow", "bench.toml", "result.json", "diagnosis.json"])
+def test_a_pipe_in_a_run_folder_holds_nobody_up(tmp_path: Path, name: str) -> None:
+    folder = tmp_path / "20250314-092653-pipe"
+    folder.mkdir()
+    os.mkfifo(folder / name)
+    if name == "result.json":
+        (folder / "capture.arrow").write_bytes(b"")
+    assert all(one.unreadable or not one.verdict for one in listed(tmp_path))
+    assert read_entry(folder).verdict is None
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_what_is_no_file_is_not_read(tmp_path: Path, kind: str) -> None:
-    path, told = named(tmp_path)[kind], "a named pipe" if kind == "link" else kind
+    path, told = named(tmp_path)[kind], TOLD.get(kind, kind)
     with pytest.raises(InputError, match=f"is {told}"):
         import_file(path, tmp_path / "o.arrow")
     with pytest.raises(InputError, match=f"is {told}"):

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
 from hil.errors import InputError, printable
-from hil.records.blocks import read_opening
+from hil.records.blocks import opened, read_opening
 from hil.records.direct import DirectRecord
 from hil.records.occupied import is_occupied
 from hil.records.result import load_result
@@ -155,7 +155,7 @@ def _is_complete(capture: Path) -> bool:
 def _serial(folder: Path) -> str | None:
     """Of the board, by the header of the capture."""
     path = folder / "capture.arrow"
-    with suppress(InputError, OSError, AttributeError, TypeError, ValueError), path.open("rb") as file:
+    with suppress(InputError, OSError, AttributeError, TypeError, ValueError), opened(path, "capture") as file:
         identity = read_opening(path, file, "capture").header.get("identity") or {}
         if isinstance(number := identity.get("unique_id"), int):
             return f"{number:016x}"
