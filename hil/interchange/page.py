@@ -118,7 +118,8 @@ Stamps that were rounded (a millisecond at 400 Hz, single precision) are no unev
 hundredth of a step it is passed over. Beyond that the import names the rate that fits all stamps:
 `sampling_rate_Hz = 400.0` beside `t_s` takes it, and the stamps say which sample each row is, so that a gap stays one.
 A stamp that stands twice is a row written twice, and is refused with its row, unless there is more than one sample to
-a stamp. Only what no rate fits asks for `--nonuniform`; where it is given to others, import and diagnosis say so.
+a stamp. Only what no rate fits asks for `--nonuniform`. Where it is given and a rate fits, the rate is taken and told.
+Uneven stamps that are rounded to more than a hundredth of a step are told as well, as no interval accounts for that.
 """
 
 _COLUMN = """

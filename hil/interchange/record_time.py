@@ -17,6 +17,10 @@ _FEW = 0.1
 """Of the rows: more that repeat a stamp are no rows written twice."""
 
 
+_COARSE = 0.01
+"""Of a step: rounding beyond it is told, as in `uniformity`."""
+
+
 class Remedies(NamedTuple):
     """What a refusal advises: how uneven time is accepted, how gaps are kept, where a rate is stated."""
 
@@ -78,14 +82,16 @@ def numbered_rows(
     if rate is not None:
         return _stated(source, table, stamps, rows, rate)
     stamped = np.flatnonzero(np.isfinite(stamps.elapsed))  # rows that are lost have a time as a rule
-    time = _evenly(source, table, stamps, stamped, nonuniform, remedies, said)
+    time, rounded = _evenly(source, table, stamps, stamped, nonuniform, remedies, said)
     if not SLOWEST_HZ <= time.rate_Hz <= FASTEST_HZ:
         raise InputError(
             f"{source.called}: column t_s: {time.rate_Hz:.3g} Hz, beyond {SLOWEST_HZ:g} to {FASTEST_HZ:g} Hz; "
             "check the unit of t_s"
         )
     tick = time.tick[np.isin(stamped, rows)]
-    return Numbered(tick - tick[0], time.rate_Hz, time.uniform), stamps.seconds()[rows]
+    seconds = stamps.seconds()[rows]
+    tick -= tick[0]
+    return Numbered(tick, time.rate_Hz, time.uniform), seconds[0] + tick / time.rate_Hz if rounded else seconds
 
 
 def _evenly(
@@ -96,8 +102,10 @@ def _evenly(
     nonuniform: bool,
     remedies: Remedies,
     said: list[str],
-) -> Numbered:
-    """The numbers of rows with stamps that are even, or accepted as they are; `said` has what is to be told of them."""
+) -> tuple[Numbered, bool]:
+    """The numbers of rows with stamps that are even, or accepted as they are, and whether they are even but for their
+    rounding; `said` has what is to be told of them.
+    """
     elapsed, seconds = stamps.elapsed[rows], stamps.seconds()[rows]
     fallen = first_not_increasing(elapsed)
     coarse = None if fallen is None else rounded_grid(elapsed, stamps.digit)
@@ -109,26 +117,29 @@ def _evenly(
         raise InputError(f"{place}: {later:.9g} s is not later than {earlier:.9g} s on the row before; {remedies.sort}")
     off = spacing(elapsed).first_off_grid if fallen is None else fallen
     if off is None:
-        return numbered(elapsed)
+        return numbered(elapsed), False
     time = numbered(elapsed) if fallen is None else None
     place = source.place(int(table.rows[rows[off]]), "t_s")
     if time is None or not time.uniform:
         coarse = coarse or rounded_grid(elapsed, stamps.digit)
         if coarse is not None:
             fits = f"stamps are rounded to {stamps.digit:.3g} s, and {coarse.rate_Hz:.9g} Hz fits them all"
-            remedy = f"set sampling_rate_Hz = {coarse.rate_Hz:.9g} {remedies.rate}"
-            if not nonuniform or time is None:
-                raise InputError(f"{place}: {fits}; {remedy}")
-            said.append(f"taken as uneven, though its {fits}: {remedy}")
+            if not nonuniform:
+                raise InputError(f"{place}: {fits}; set sampling_rate_Hz = {coarse.rate_Hz:.9g} {remedies.rate}")
+            said.append(f"taken as even: {fits}")
+            time = Numbered(coarse.tick, coarse.rate_Hz, True)
     assert time is not None
     told = rows.size < stamps.elapsed.size and time.uniform  # the map says which stamps are missing
+    share = stamps.digit * time.rate_Hz
+    if not time.uniform and share > _COARSE:
+        said.append(f"stamps are rounded to {stamps.digit:.3g} s, {share:.0%} of a step: no interval accounts for that")
     if not nonuniform and not told:
         remedy = f"{time.missing()}; {remedies.gaps}" if time.lost else remedies.uneven
         raise InputError(f"{place}: {odd_step(elapsed, off)}; {remedy}")
     if time.mostly_lost:
         column = remedies.column or f"{source.called}: column t_s"
         raise InputError(f"{column}: {time.missing()}, more than there are; {remedies.apart}")
-    return time
+    return time, coarse is not None and time.uniform
 
 
 def _repeated(elapsed: npt.NDArray[np.float64], stamp: float, remedies: Remedies) -> str:

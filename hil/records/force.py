@@ -11,6 +11,7 @@ from estimator.missing_force.result import Form, FormTerm, MissingForce
 from hil.errors import InputError
 from hil.records import diagnosis as written
 from hil.records.atomic import replacing
+from hil.wire.regular_file import require_regular
 
 KIND = "missing force"
 
@@ -47,6 +48,7 @@ def is_force(path: Path) -> bool:
     import pyarrow as pa
 
     try:
+        require_regular(path)
         with pa.memory_map(str(path)) as source:
             return bool((pa.ipc.open_file(source).schema.metadata or {}).get(_HEADER) == KIND.encode())
     except (OSError, pa.ArrowInvalid):
@@ -58,6 +60,7 @@ def load_force(path: Path) -> Any:
     import pyarrow as pa
 
     try:
+        require_regular(path)
         with pa.OSFile(str(path)) as source:
             return pa.ipc.open_file(source).read_all()
     except (OSError, pa.ArrowInvalid) as error:

@@ -8,7 +8,9 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from scipy.io import loadmat
+from scipy.optimize import least_squares
 
+import hil
 from hil.errors import InputError
 from hil.interchange.importer import Imported, import_file
 from hil.records.capture import Capture
@@ -232,6 +234,29 @@ def test_stamps_of_a_millisecond_at_400_Hz(bring):
     capture = bring(source, mapping, sampling_rate_Hz="400").capture
     assert (capture.uniform, capture.lost, capture.tick_rate_Hz, capture.sense_unit) == (True, 0, 400.0, "LSB")
     np.testing.assert_allclose(capture.t_s, 1.0 + np.arange(len(capture)) / 400.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("given", [{"sampling_rate_Hz": "400"}, {"nonuniform": True}])
+def test_intervals_of_stamps_of_a_millisecond_hold_what_least_squares_finds(bring, tmp_path, given):
+    """The decay in closed form, fitted with SciPy at 400 Hz, which the record was made with."""
+    capture = bring(INSTRUMENTS / "9_millis_400Hz.csv", INSTRUMENTS / "9.map.toml", **given).capture
+    levels = sensed(capture)
+    elapsed = np.arange(levels.size) / 400.0
+
+    def missed(known):
+        stiffness, damping, cosine, sine, offset = known
+        phase = np.sqrt(stiffness - 0.25 * damping**2) * elapsed
+        return np.exp(-0.5 * damping * elapsed) * (cosine * np.cos(phase) + sine * np.sin(phase)) + offset - levels
+
+    found = least_squares(missed, [5970.0, 1.3, 13000.0, 0.0, 0.0], x_scale=[1.0, 0.01, 10.0, 10.0, 1.0])
+    assert np.sqrt(2.0 * found.cost / levels.size) == pytest.approx(17.0, rel=0.05)  # the noise declared
+    np.testing.assert_allclose(found.x[:2], [5972.672, 1.28774], rtol=1e-6)
+    run = hil.replay(tmp_path / "made.arrow", INSTRUMENTS / "9.bench.toml", out=tmp_path / "runs")
+    assert run.verdict == "good"
+    for name, truth in zip(("kxx", "dxx"), found.x[:2], strict=True):
+        estimate = run.result.parameters[name]
+        assert estimate.ci95[0] < truth < estimate.ci95[1]
 
 
 def test_a_rate_in_its_own_unit(bring):

@@ -19,10 +19,12 @@ from hil.bench.bench import Bench
 from hil.cli.files import fresh
 from hil.errors import InputError
 from hil.examples import find
+from hil.interchange.exported import tables_of
 from hil.interchange.importer import import_file
 from hil.records.blocks import scan_blocks
 from hil.records.capture import read_capture
 from hil.records.direct import DirectRecord
+from hil.records.force import is_force, load_force
 from hil.records.json_file import load as load_json
 from hil.records.listing import listed
 from hil.records.result import Result
@@ -67,6 +69,11 @@ def test_what_is_no_file_is_no_record_either(tmp_path: Path, kind: str) -> None:
     for read in (lambda: read_capture(path), lambda: scan_blocks(path, None), lambda: DirectRecord(path)):
         with pytest.raises(InputError, match=told):
             read()
+    for read_table_of in (lambda: tables_of(path, ()), lambda: load_force(path)):
+        if not path.is_dir():
+            with pytest.raises(InputError, match=told):
+                read_table_of()
+    assert not is_force(path)
     with pytest.raises(InputError, match=told):
         load_json(path, Result, give="another", anew="make it anew")
 

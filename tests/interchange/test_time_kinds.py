@@ -136,11 +136,22 @@ def test_rounded_stamps_ask_for_their_rate_and_keep_their_gaps(tmp_path: Path, k
     with pytest.raises(InputError, match=r"rounded to 0\.001 s, and 400 Hz fits them all; set sampling_rate_Hz = 400 "):
         bring(kind, tmp_path, columns, text)
     meant = bring(kind, tmp_path, columns, text, nonuniform=True)
-    assert not meant.uniform
-    assert "400 Hz fits them all: set sampling_rate_Hz = 400 " in meant.prepared[0]
+    assert meant.prepared == ("taken as even: stamps are rounded to 0.001 s, and 400 Hz fits them all",)
+    assert (meant.uniform, meant.lost, meant.gaps, meant.tick_rate_Hz) == (True, 3, 2, 400.0)
+    np.testing.assert_array_equal(meant.tick, kept)
     capture = bring(kind, tmp_path, columns, "sampling_rate_Hz = 400.0\n" + text)
     assert (capture.uniform, capture.lost, capture.gaps, capture.tick_rate_Hz) == (True, 3, 2, 400.0)
     np.testing.assert_array_equal(capture.tick, kept)
+
+
+@pytest.mark.parametrize("kind", ["text", "MATLAB", "Parquet", "arrays"])
+def test_uneven_stamps_of_few_digits_are_told(tmp_path: Path, kind: str) -> None:
+    """Steps of 2.5 ms that are off by up to 1 ms, in whole milliseconds: rounding is 40 % of a step."""
+    uneven = np.floor(5000.0 + 2.5 * np.arange(100) + np.random.default_rng(7).uniform(-1.0, 1.0, 100))
+    columns = {"t": uneven.astype(np.int64), "x": np.sin(np.arange(100.0))}
+    capture = bring(kind, tmp_path, columns, MAPPED.replace('unit = "s"', 'unit = "ms"'), nonuniform=True)
+    assert not capture.uniform
+    assert capture.prepared == ("stamps are rounded to 0.001 s, 40% of a step: no interval accounts for that",)
 
 
 def test_stamps_coarser_than_a_sample() -> None:
