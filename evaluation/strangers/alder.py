@@ -142,8 +142,8 @@ def drawn(seed: int, number: int, kind: str, effects: list[Effect]) -> tuple[Dev
             chosen[effect.key], ratios[effect.key] = sized(
                 effect, device, between(rng, 1.5, 10 if kind == "two" else 16)
             )
-        together = residual(device, chosen) if len(effects) > 1 else 1.0
-        if all(1.25 < ratio < 24 for ratio in ratios.values()) and together < 28:
+        together = residual(device, chosen) if len(effects) > 1 else 2.0
+        if all(1.25 < ratio < 24 for ratio in ratios.values()) and 1.5 < together < 28:
             break
     else:
         raise RuntimeError(
