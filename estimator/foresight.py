@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.core.board import BOARD, follow, foresee
+from estimator.core.board import BOARD, follow, foresee, tell
 from estimator.gain_matrix import BoardFilter
 from estimator.observer import Observer
 from estimator.scaling import Array
@@ -28,6 +28,11 @@ class Foresight:
         self._board["dither"] = dither[0]
         self.arm()
 
+    @property
+    def address(self) -> int:
+        """Of the board's record, for a caller in C (`estimator_board_follow`, `estimator_board_tell`)."""
+        return int(self._board.ctypes.data)
+
     def arm(self) -> None:
         """The board starts anew, without a matrix."""
         board = self._board
@@ -37,11 +42,7 @@ class Foresight:
 
     def tell(self, gain: Array, bias: Array, effective_tick: int) -> None:
         """A matrix was sent, in force from `effective_tick` on."""
-        board = self._board
-        board["next_gain"] = gain
-        board["next_bias"] = bias
-        board["effective"] = effective_tick
-        board["waiting"] = 1
+        tell(self._board, gain, bias, effective_tick)
 
     def follow(self, first: int, codes: NDArray[np.int32]) -> None:
         """Rows that were received, from tick `first` on; codes (n, ≥ 2) begin with those sampled."""

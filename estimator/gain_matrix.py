@@ -1,5 +1,6 @@
 """Gain mode's matrix: what a board that closes the loop itself is told to do with its filtered signals."""
 
+import ctypes
 import math
 from dataclasses import dataclass
 
@@ -12,10 +13,8 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 
 RADIUS = 0.7
-_UNCHANGED = 0.25  # of a hold's work may be done with one matrix: it is measured before and replaced after
-_FOLDING = Arguments(
-    ("delay",), ("settings", "memory", "x", "a", "b", "c", "gain", "bias", "motion"), ("fastest", "ahead")
-)
+_FOLDING = Arguments(("total", "delay"), ("settings", "memory", "x", "a", "b", "c", "turns", "gain", "bias", "motion"))
+LIBRARY.estimator_gains.argtypes = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
 _CONDITION = 1e6  # of the signals by the motion; beyond it rounding and noise are all there is
 
 
@@ -61,12 +60,11 @@ class GainMatrix:
         self._gain = np.zeros((2, 4))
         self._bias = np.zeros(2)
         drives, senses = (_signs(observer, f"{channel}_polarity") for channel in ("drive", "sense"))
-        self._turns = np.outer(drives, np.repeat(senses, 2))
-        self._still = np.linalg.solve(np.eye(2) - a, b + c)  # what the filter makes of a constant code
+        turns = np.outer(drives, np.repeat(senses, 2))
         arrays, signals = observer.arrays, np.zeros((4, 4))
         self._folding = _FOLDING(
-            delay=board.delay, settings=arrays.settings, memory=arrays.memory, x=arrays.x, a=a, b=b, c=c,
-            gain=self._gain, bias=self._bias, motion=signals,
+            total=len(arrays.x), delay=board.delay, settings=arrays.settings, memory=arrays.memory, x=arrays.x, a=a,
+            b=b, c=c, turns=turns, gain=self._gain, bias=self._bias, motion=signals,
         )  # fmt: skip
         LIBRARY.gyro_filtered_swing(self._folding)
         if not np.linalg.cond(signals) < _CONDITION:
@@ -85,20 +83,17 @@ class GainMatrix:
         `horizon` is the time in samples from the estimate to the end of what it will be used for: a hold does no more
         than a quarter of its work in that time; `ahead` is the time in samples until it comes into force.
         """
-        observer = self._observer
-        self._gain[:] = 0.0
-        self._bias[:] = 0.0
-        if not np.isfinite(observer.x).all():
-            return self._gain, self._bias
-        arrays = observer.arrays
-        asked = self._folding.contents
-        asked.fastest, asked.ahead = _UNCHANGED / (horizon * observer.h), ahead * observer.h
-        LIBRARY.gyro_gain_matrix(self._folding)
-        if np.any(self._turns < 0.0):
-            # An offset is added to what a channel shows, whichever way round that is.
-            self._gain *= self._turns
-            offsets = arrays.x[observer.states :][:2] / arrays.settings["sense_scale"][0]
-            self._bias[:] = -(self._gain.reshape(2, 2, 2) @ self._still) @ offsets
+        LIBRARY.estimator_gains(self._folding, horizon, ahead)
+        return self._gain, self._bias
+
+    @property
+    def address(self) -> int:
+        """What `estimator_gains` is called with in C; it writes to `newest`."""
+        return ctypes.addressof(self._folding.contents)
+
+    @property
+    def newest(self) -> tuple[Array, Array]:
+        """What was solved last; lent."""
         return self._gain, self._bias
 
 

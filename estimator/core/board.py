@@ -36,9 +36,12 @@ BOARD = np.dtype(
     ],
     align=True,
 )
-_CARRIED = Arguments(("first", "rows", "columns"), ("board", "settings", "x", "codes", "drives"))
+_CARRIED = Arguments(("first", "rows"), ("board", "settings", "x", "drives"))
 
 LIBRARY.gyro_board_size.restype = ctypes.c_int64
+_ADDRESS, _COUNT = ctypes.c_void_p, ctypes.c_int64
+LIBRARY.estimator_board_follow.argtypes = (_ADDRESS, _COUNT, _ADDRESS, _COUNT, _COUNT)
+LIBRARY.estimator_board_tell.argtypes = (_ADDRESS, _ADDRESS, _ADDRESS, _COUNT)
 if LIBRARY.gyro_board_size() != BOARD.itemsize:
     raise ImportError(f"a board of {LIBRARY.gyro_board_size()} bytes, expected {BOARD.itemsize}; run `make install`")
 
@@ -46,7 +49,15 @@ if LIBRARY.gyro_board_size() != BOARD.itemsize:
 def follow(board: Record, first: int, codes: NDArray[Any]) -> None:
     """Carry the board (1,) over rows that were received: codes (n, ≥ 2) begin with those sampled, from tick `first`."""
     rows = np.ascontiguousarray(codes, np.int32)
-    LIBRARY.gyro_board_follow(_CARRIED(first=first, rows=len(rows), columns=rows.shape[1], board=board, codes=rows))
+    LIBRARY.estimator_board_follow(board.ctypes.data, first, rows.ctypes.data, *rows.shape)
+
+
+def tell(board: Record, gain: Floats, bias: Floats, effective_tick: int) -> None:
+    """Send the board (1,) a matrix (2, 4) and a bias (2,), in force from `effective_tick` on."""
+    LIBRARY.estimator_board_tell(
+        board.ctypes.data, np.ascontiguousarray(gain).ctypes.data, np.ascontiguousarray(bias).ctypes.data,
+        effective_tick,
+    )  # fmt: skip
 
 
 def foresee(settings: Record, board: Record, x: Floats, first: int, rows: int) -> Floats:

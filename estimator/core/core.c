@@ -11,9 +11,10 @@
 #define EXPORTED __attribute__((visibility("default")))
 #endif
 
-/* What a gain matrix is solved with, and into: a board's filter a (2, 2), b and c (2,) with its delay; gain (2, 4), bias
-   (2,); motion (4, 4) what the filter makes of a motion. */
+/* What a gain matrix is solved with, and into: x (total,); a board's filter a (2, 2), b and c (2,) with its delay; turns
+   (2, 4) which way round its channels are; gain (2, 4), bias (2,); motion (4, 4) what the filter makes of a motion. */
 typedef struct {
+    whole total;
     whole delay;
     const Settings *settings;
     const Memory *memory;
@@ -21,12 +22,13 @@ typedef struct {
     const real *a;
     const real *b;
     const real *c;
+    const real *turns;
     real *gain;
     real *bias;
     real *motion;
-    double fastest;
-    double ahead;
 } Folding;
+
+#define UNCHANGED R(0.25) /* of a hold's work may be done with one matrix: it is measured before and replaced after */
 
 /* A stationary table on its way (stationary.h): total (angles, phases, n, axes), weight (angles, phases). */
 typedef struct {
@@ -67,6 +69,14 @@ EXPORTED void gyro_tick(Estimator *estimator)
     estimator_step(estimator, sample[0], sample[1], sample[2], sample[3], estimator->codes);
 }
 
+/* Samples z (n, axes) with the drive u (n, axes) that acted before each, scaled, at the settings' own intervals -> rows
+   (n,), for a caller in C. */
+EXPORTED void estimator_samples(void *estimator, int64_t n, const double *z, const double *u, void *rows)
+{
+    Block block = {.n = n, .terms = 1, .every = n + 1, .z = z, .u = u, .rows = rows};
+    observe_block(estimator, &block);
+}
+
 EXPORTED int64_t gyro_observe_block(Estimator *estimator, const Block *block)
 {
     return observe_block(estimator, block);
@@ -82,11 +92,20 @@ static BoardFilter board_of(const Folding *asked)
     return board;
 }
 
-EXPORTED void gyro_gain_matrix(const Folding *asked)
+/* G and b for the newest estimate, zeros where that is not finite: for `horizon` samples from the estimate to the end of
+   what they will be used for, in force `ahead` samples from it on. */
+EXPORTED void estimator_gains(const void *folding, int64_t horizon, int64_t ahead)
 {
+    const Folding *asked = folding;
+    const Settings *settings = asked->settings;
     BoardFilter board = board_of(asked);
-    gain_matrix(asked->settings, asked->memory, asked->x, &board, (real)asked->fastest, (real)asked->ahead, asked->gain,
-                asked->bias);
+    memset(asked->gain, 0, 8 * sizeof *asked->gain);
+    memset(asked->bias, 0, 2 * sizeof *asked->bias);
+    for (whole i = 0; i < asked->total; i++)
+        if (!isfinite(asked->x[i]))
+            return;
+    gain_matrix(settings, asked->memory, asked->x, &board, asked->turns, UNCHANGED / ((real)horizon * settings->h),
+                (real)ahead * settings->h, asked->gain, asked->bias);
 }
 
 /* What a board's filter makes of the motion of an ideal oscillator at rest. */

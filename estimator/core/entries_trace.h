@@ -19,15 +19,13 @@ typedef struct {
     real *out;
 } Gram;
 
-/* A board on the host, and rows it is carried over. */
+/* A board on the host, and rows it is carried over that were not received. */
 typedef struct {
     whole first;
     whole rows;
-    whole columns;
     Board *board;
     const Settings *settings;
     const real *x;
-    const int32_t *codes;
     real *drives;
 } Foresight;
 
@@ -60,9 +58,16 @@ EXPORTED void gyro_free_run(Estimator *estimator, const FreeRun *run)
     free_run(&settings, run, &estimator->work.flow);
 }
 
-EXPORTED void gyro_board_follow(const Foresight *asked)
+/* Carry a board over rows that were received, for a caller in C. */
+EXPORTED void estimator_board_follow(void *board, int64_t first, const int32_t *codes, int64_t rows, int64_t columns)
 {
-    board_follow(asked->board, asked->first, asked->codes, asked->rows, asked->columns);
+    board_follow(board, first, codes, rows, columns);
+}
+
+/* Tell a board its next matrix, for a caller in C. */
+EXPORTED void estimator_board_tell(void *board, const double *gain, const double *bias, int64_t effective)
+{
+    board_tell(board, gain, bias, effective);
 }
 
 EXPORTED void gyro_board_foresee(const Foresight *asked)

@@ -41,7 +41,7 @@ typedef struct {
 } Estimator;
 
 /* A record to go through: z (n, axes), u (n, axes, terms) the drive over the interval that ends at each sample, h (n,),
-   temperature (n,) or none.  Out of it: rows (n,), and of every `every`-th sample the state vector and its deviations
+   temperature (n,) or none; without h all intervals are the settings' own.  Out of it: rows (n,), and of every `every`-th sample the state vector and its deviations
    (written, total).  With truth (n, total), the state vector is replaced by it before each step, so that p follows the
    posterior Cramer-Rao recursion along the true trajectory. */
 typedef struct {
@@ -131,7 +131,7 @@ static inline whole observe_block(Estimator *estimator, const Block *block)
     whole axes = settings->axes, written = 0;
     for (whole m = 0; m < block->n; m++) {
         const real *u = block->u + m * axes * block->terms;
-        Sample sample = {block->z + m * axes, u, block->terms, block->h[m]};
+        Sample sample = {block->z + m * axes, u, block->terms, block->h ? block->h[m] : settings->h};
         if (block->truth)
             memcpy(arrays->x, block->truth + m * arrays->total, (size_t)arrays->total * sizeof *arrays->x);
         if (block->temperature)

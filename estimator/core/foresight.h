@@ -38,6 +38,15 @@ static whole board_place(whole tick, whole size)
     return place < 0 ? place + size : place;
 }
 
+/* A matrix was sent to it, in force from the tick `effective` on. */
+static void board_tell(Board *board, const real *gain, const real *bias, whole effective)
+{
+    memcpy(board->next_gain, gain, sizeof board->next_gain);
+    memcpy(board->next_bias, bias, sizeof board->next_bias);
+    board->effective = effective;
+    board->waiting = 1;
+}
+
 /* The drive code of an axis, from what its filter shows and the next bit of the dither. */
 static real board_code(Board *board, int axis)
 {

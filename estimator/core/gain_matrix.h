@@ -228,9 +228,10 @@ static inline void filtered_motion(const Settings *settings, const real *e, cons
 }
 
 /* gain (2, 4) and bias (2,) in drive codes for the state vector x and the board's filter, in force from `ahead` of it in
-   time on. */
+   time on; turns (2, 4): -1 where the drive of a row and the channel of a column are turned round to one another.  An
+   offset is added to what a channel shows, whichever way round that is. */
 static inline void gain_matrix(const Settings *settings, const Memory *memory, const real *x, const BoardFilter *board,
-                               real fastest, real ahead, real *gain, real *bias)
+                               const real *turns, real fastest, real ahead, real *gain, real *bias)
 {
     real m[16], e[16], force[8], signals[16], turned[16], columns[8], still[2], rest[4];
     const real *c = x + settings->states;
@@ -246,8 +247,8 @@ static inline void gain_matrix(const Settings *settings, const Memory *memory, c
     }
     solve(turned, columns, 4, 2);
     for (int i = 0; i < 4; i++) {
-        gain[i] = columns[2 * i] / settings->quantum;
-        gain[4 + i] = columns[2 * i + 1] / settings->quantum;
+        gain[i] = columns[2 * i] / settings->quantum * turns[i];
+        gain[4 + i] = columns[2 * i + 1] / settings->quantum * turns[4 + i];
     }
     for (int i = 0; i < 2; i++) {
         still[i] = board->b[i] + board->c[i];
