@@ -1,69 +1,44 @@
 """What a streamed row costs the host, part by part: gain mode in real time over a pty, the board a process of its own.
 
-A part's time is the processor time of its calls less that of the parts inside them, so waiting does not count.  Nothing
-of the path is replaced but the recorder behind the rings, which is another process's time, and nothing asks for
-real-time scheduling.
+The whole is the processor time of the loop's thread.  Of it the parts that C has as calls of their own are measured by
+these calls, over the same samples; the rest is reading, writing, rows of the record, and waking up.  The recorder behind
+the rings is another process's time, and nothing asks for real-time scheduling.
 """
 
+import ctypes
 import time
 import uuid
 from collections.abc import Callable
 from contextlib import ExitStack, closing
-from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
 from benchmarks.stream import EXAMPLE, RATES_HZ, scenario_at
+from estimator.core.layout import OUTPUT
+from estimator.core.library import LIBRARY as CORE
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.emulation import emulator
 from hil.loop.gain import GainLoop
+from hil.loop.native import LIBRARY, MOST_ROWS, NONE, ROW, SAID_ROOM, Batch, ReceiverState, payload_sizes
 from hil.loop.preflight import configure
 from hil.loop.tracks import run_layouts
 from hil.records.ring import Ring
 from hil.wire import client
+from hil.wire.codec import pack, type_of
 from hil.wire.endpoint import Endpoint
+from hil.wire.framing import encode_frame
 from hil.wire.link import Link
 from hil.wire.links import open_link
 from hil.wire.messages import SafeReason
+from hil.wire.sense import Sense
 
 SECONDS = 3.0
-
-
-class Clock:
-    """Processor time spent in wrapped calls, each without the wrapped calls inside it."""
-
-    def __init__(self) -> None:
-        self.spent_ns: dict[str, int] = {}
-        self._inside: list[int] = []
-
-    def wrap(self, owner: Any, method: str, part: str) -> None:
-        """Have the calls of a method of this very object timed."""
-        call: Callable[..., Any] = getattr(owner, method)
-
-        def timed(*arguments: Any, **named: Any) -> Any:
-            self._inside.append(0)
-            begin = time.thread_time_ns()
-            try:
-                return call(*arguments, **named)
-            finally:
-                took = time.thread_time_ns() - begin
-                self.spent_ns[part] = self.spent_ns.get(part, 0) + took - self._inside.pop()
-                if self._inside:
-                    self._inside[-1] += took
-
-        setattr(owner, method, timed)
-
-
-class Timed:
-    """An object whose methods can be replaced, in front of one whose cannot."""
-
-    def __init__(self, behind: Any) -> None:
-        self._behind = behind
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._behind, name)
+_CALLS = 200
 
 
 def rows(say: Say) -> list[Row]:
@@ -83,36 +58,66 @@ def rows(say: Say) -> list[Row]:
 
 def per_row_us(bench: Bench, link: Link) -> dict[str, float]:
     """µs a row by part."""
-    link_end = Endpoint(link)
-    identity = client.connect(link_end)
-
+    endpoint = Endpoint(link)
+    identity = client.connect(endpoint)
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
-    registers = configure(link_end, identity, bench)
-    clock = Clock()
-    endpoint: Any = Timed(link_end)
+    registers = configure(endpoint, identity, bench)
     samples = round(SECONDS * identity.tick_rate_Hz)
     with ExitStack() as stack:
         tracks = {}
         for stem, layout in run_layouts(observer, bench, identity).items():
-            tracks[stem] = stack.enter_context(Ring.create(f"{uuid.uuid4()}", layout.dtype, samples))
+            tracks[stem] = stack.enter_context(Ring.create(f"{uuid.uuid4()}", layout.dtype, 2 * samples))
             tracks[stem].unlink()
         loop = GainLoop(endpoint, identity, bench, observer, tracks, registers)
-        clock.wrap(link, "receive", "waking and reading")
-        clock.wrap(link, "send", "writing")
-        clock.wrap(endpoint, "poll", "decoding")
-        clock.wrap(endpoint, "send", "encoding")
-        clock.wrap(observer, "run", "observer")
-        clock.wrap(loop._foresight, "follow", "the board's law, for gaps")
-        clock.wrap(loop._matrix, "solve", "matrix")
-        clock.wrap(loop, "_keep", "rows of the record")
-        for track in tracks.values():
-            clock.wrap(track, "push", "rings")
-        clock.wrap(loop, "run", "the rest of the loop")
         loop.arm()
         loop.run(round(0.5 * identity.tick_rate_Hz), lambda done: None, samples)  # closes the loop
-        clock.spent_ns.clear()
-        before = loop.counters.samples
+        before, begin = loop.counters.samples, time.thread_time_ns()
         loop.run(samples, lambda done: None, samples)
-        taken = loop.counters.samples - before
+        whole = (time.thread_time_ns() - begin) / (loop.counters.samples - before) / 1e3
         loop.finish(SafeReason.HOST_REQUEST)
-    return {part: spent / taken / 1e3 for part, spent in clock.spent_ns.items()}
+        capture = tracks["capture"].pop()
+    block = bench.loop.block
+    codes = np.column_stack([capture[name] for name in ("vx_code", "vy_code", "ux_code", "uy_code")])[-block:]
+    parts = {
+        "observer": _per_row(_observing(observer, loop, codes), block),
+        "decoding": _per_row(_decoding(codes), block),
+        "matrix": _per_row(lambda: loop._matrix.solve(block, block), block),
+        "the board's law, for gaps": _per_row(lambda: loop._foresight.follow(0, codes), block),
+    }
+    return {**parts, "reading, writing, rows of the record": whole - sum(parts.values())}
+
+
+def _per_row(call: Callable[[], object], block: int) -> float:
+    call()
+    begin = time.thread_time_ns()
+    for _ in range(_CALLS):
+        call()
+    return (time.thread_time_ns() - begin) / _CALLS / block / 1e3
+
+
+def _observing(observer: Observer, loop: GainLoop, codes: NDArray[np.int32]) -> Callable[[], object]:
+    si = codes * loop._scale
+    z = np.ascontiguousarray(si[:, :2]) / observer.volts
+    u = np.ascontiguousarray(si[:, 2:]) / observer.scaling.drive
+    rows = np.zeros(len(codes), OUTPUT)
+    here, count = ctypes.c_void_p(observer.core), ctypes.c_int64(len(codes))
+
+    def observe() -> None:
+        CORE.estimator_samples(here, count, *[ctypes.c_void_p(array.ctypes.data) for array in (z, u, rows)])
+
+    return observe
+
+
+def _decoding(codes: NDArray[np.int32]) -> Callable[[], object]:
+    sense = Sense(codes.astype(np.int32), 2, 0, 1)
+    data = encode_frame(type_of(sense), 0, 0, pack(sense))
+    rows, said, sizes = np.zeros(4 * MOST_ROWS, ROW), np.zeros(SAID_ROOM, np.uint8), payload_sizes()
+    batch = Batch(rows.ctypes.data, len(rows), 0, said.ctypes.data, len(said), 0, ctypes.addressof(sizes))
+    receiver = ReceiverState(expected=NONE)
+
+    def decode() -> object:
+        assert sizes is not None  # lent by its address
+        batch.row_count, receiver.expected = 0, NONE
+        return LIBRARY.turn_feed(ctypes.byref(receiver), ctypes.byref(batch), data, len(data))
+
+    return decode

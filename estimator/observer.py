@@ -724,15 +724,35 @@ class Observer:
         order = int(self._record["order"][0])
         longest = self.h if step is None else float(np.max(h, initial=self.h))
         self.allow_steps(longest, u.shape[2] - 1)
-        for rows_of, states_of, stride in _portions(n, every, self._portion):
+        self._advance(z, u, h, warmth, true, rows, states, deviations, every)
+        self._record["order"] = order
+        return self.estimates_of(np.arange(every - 1, n, every), states, deviations, rows)
+
+    def observe(self, z: Array, u: Array, rows: NDArray[np.void]) -> None:
+        """As `run`, with what is scaled already: z (n, axes), u (n, axes); fills rows (n,) of OUTPUT."""
+        none = np.zeros((0, len(self.x)))
+        h = np.full(len(z), self.h)
+        self._advance(z, u[:, :, np.newaxis], h, np.zeros(0), none, rows, none, none, len(z) + 1)
+
+    def _advance(
+        self,
+        z: Array,
+        u: Array,
+        h: Array,
+        warmth: Array,
+        true: Array,
+        rows: NDArray[np.void],
+        states: Array,
+        deviations: Array,
+        every: int,
+    ) -> None:
+        for rows_of, states_of, stride in _portions(len(z), every, self._portion):
             stop_if_abandoned()
             self.filter.run(
                 z[rows_of], u[rows_of], h[rows_of], warmth[rows_of], true[rows_of], rows[rows_of], states[states_of],
                 deviations[states_of], stride,
             )  # fmt: skip
             self._follow(rows[rows_of])
-        self._record["order"] = order
-        return self.estimates_of(np.arange(every - 1, n, every), states, deviations, rows)
 
     def estimates_of(
         self, index: NDArray[np.int64], states: Array, deviations: Array, rows: NDArray[np.void]

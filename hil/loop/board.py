@@ -6,26 +6,29 @@ echoes, as in gain mode, and records the board's estimates beside its own. Of th
 knows nothing: its motion is acquired anew behind them.
 """
 
-import time
+import ctypes
 from collections.abc import Mapping, Sequence
 
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.loop.blocks import BlockLoop
 from hil.loop.board_estimates import BoardEstimates
+from hil.loop.native import Mode, PermitState
 from hil.loop.skeleton import NOTHING_WRITTEN
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveBoard, Estimate, Identity, Message
-from hil.wire.sense import Sense
-from hil.wire.stream import Received, unwrap
+from hil.wire.stream import unwrap
+
+_BEYOND = 1  # of what is odd
 
 
 class BoardLoop(BlockLoop):
-    """One run in board mode."""
+    """One run in board mode; native/permit.h has its answer."""
 
     DRIVE = DriveBoard
+    MODE = Mode.BOARD
 
     def __init__(
         self,
@@ -37,55 +40,55 @@ class BoardLoop(BlockLoop):
         registers: Mapping[str, float] = NOTHING_WRITTEN,
     ) -> None:
         super().__init__(endpoint, identity, bench, observer, tracks, registers)
-        self._permitted = False  # to drive, since it was armed
+        self._permit = PermitState(limit=int(registers.get("DRIVE_LIMIT", self._drive_limit)))
         track = tracks.get("board_estimates")
         self._said_by_it = None if track is None else BoardEstimates(bench, identity, track)
-        self._limit = int(registers.get("DRIVE_LIMIT", self._drive_limit))
+        self._beside: list[Message] = []  # messages that are no estimates, to be seen to
 
-    def _answer(self, last: int, received_ns: int, estimated_ns: int) -> int:
-        """Permit the board to go on, and to drive once the loop may be closed."""
-        self._endpoint.send(DriveBoard(int(self._closed)))
-        self._permitted = self._closed
-        return time.monotonic_ns()
+    def _bind(self) -> None:
+        super()._bind()
+        self._state.permit = ctypes.addressof(self._permit)
 
-    def _contradicted(self, sense: Sense, first: int, last: int) -> str:
-        drive = abs(sense.codes[:, 2:]).max()
-        if drive > self._limit:
-            return f"SENSE of tick {first} shows a drive of {drive} codes, DRIVE_LIMIT is {self._limit}"
-        if drive and not self._permitted:
-            return f"SENSE of tick {first} shows a drive that this host has not permitted"
-        return ""
+    def _odd(self) -> str:
+        permit = self._permit
+        shown = f"SENSE of tick {permit.odd_tick} shows a drive"
+        if permit.odd == _BEYOND:
+            return f"{shown} of {permit.odd_drive} codes, DRIVE_LIMIT is {permit.limit}"
+        return f"{shown} that this host has not permitted"
 
-    def _hear(self, item: Received) -> None:
-        if isinstance(item.message, Estimate):
-            self._judge_estimate(item.message, item.tick)
-        else:
-            super()._hear(item)
+    def _refused(self) -> str:
+        raise AssertionError("board mode sends no drive")
+
+    def _heard(self) -> None:
+        """Judge what the board's estimator says: C has let the board go on with nothing that came with it."""
+        for message in self._endpoint.said():
+            if isinstance(message, Estimate):
+                self._judge_estimate(message, self._endpoint.rx.tick)
+            else:
+                self._beside.append(message)
 
     def _judge_estimate(self, estimate: Estimate, near: int) -> None:
         """Record it. Raises ProtocolError where the board's estimator has failed."""
         if self._said_by_it is None:
             return
-        wrong = self._said_by_it.take(unwrap(estimate.tick, near), estimate, driving=self._permitted)
+        wrong = self._said_by_it.take(unwrap(estimate.tick, near), estimate, driving=bool(self._permit.permitted))
         self.counters.estimates = self._said_by_it.count
         if wrong:
             raise ProtocolError(f"{self._name}: {wrong}")
 
+    def _said(self) -> list[Message]:
+        self._heard()
+        said, self._beside = self._beside, []
+        return said
+
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         return False
-
-    def _said(self) -> list[Message]:
-        said = super()._said()
-        for message in said:
-            if isinstance(message, Estimate):  # came with the answer to a request
-                self._judge_estimate(message, self._endpoint.rx.tick)
-        return [message for message in said if not isinstance(message, Estimate)]
 
     def _forget(self) -> None:
         """Nothing follows the motion but the observer."""
 
     def _begin_again(self) -> None:
         super()._begin_again()
-        self._permitted = False
+        self._permit.permitted = 0
         if self._said_by_it is not None:
             self._said_by_it.begin_again()

@@ -1,36 +1,30 @@
 """Force mode: the host answers every sample with a drive.
 
-What happens between a sample and its answer is one call into C (`hil.loop.turn`, native/force.h).  Here is what Python
-sees to in between: gaps, the closing of the loop, steps of the target, the first rows, what is recorded more seldom.
+What happens between a sample and its answer is one call into C (native/force.h).
 """
 
+import ctypes
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
-from estimator.observer import Estimates, Observer
+from estimator.observer import Observer
 from hil.bench import Bench
-from hil.declared import drive_limit_of
-from hil.loop.angle import ReportedAngle
 from hil.loop.echo import Echo
 from hil.loop.hindsight import Hindsight
-from hil.loop.native import ALWAYS, NONE, Why
-from hil.loop.skeleton import NOTHING_WRITTEN, BeyondLimits, Loop
-from hil.loop.tracks import estimate_rows, put_covariance, run_layouts
-from hil.loop.turn import SEEN, Turn
+from hil.loop.native import Mode
+from hil.loop.skeleton import NOTHING_WRITTEN
+from hil.loop.turns import TurnLoop
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveForce, Identity, Message
 from hil.wire.sense import SenseRow
 
 
-class ForceLoop(Loop):
+class ForceLoop(TurnLoop):
     """One run in force mode."""
 
     DRIVE = DriveForce
+    MODE = Mode.FORCE
 
     def __init__(
         self,
@@ -42,108 +36,29 @@ class ForceLoop(Loop):
         registers: Mapping[str, float] = NOTHING_WRITTEN,
     ) -> None:
         super().__init__(endpoint, identity, bench, observer, tracks, registers)
-        self._layouts = run_layouts(observer, bench, identity)
-        self._reported = ReportedAngle(bench)
         self._hindsight = Hindsight(observer)
-        limit = drive_limit_of(bench, identity)
-        self._shown = Echo(identity.latency_ticks, int(registers.get("DRIVE_LIMIT", limit)))
-        self._c = Turn(self._state, endpoint, observer, self._shown, tracks, self._layouts)
-        self._c.estimates, self._c.covariance, self._c.seen = self._record, self._record_covariance, self._saw
-        self._close_at = self._acquired  # sample from the first before which the loop may be closed
-        self._declare(identity, bench, limit)
+        self._shown = Echo(identity.latency_ticks, int(registers.get("DRIVE_LIMIT", self._drive_limit)))
 
-    def _declare(self, identity: Identity, bench: Bench, limit: int) -> None:
-        """What C needs to know of the run, once."""
-        state, rate = self._state, self._rate_Hz
-        state.latency, state.code_limit = identity.latency_ticks, limit
-        state.lockstep = self._lockstep
-        state.slice_ns = round(1e9 * self._slice_s)
-        state.suspicious_ns, state.at_once_ns = self._suspicious_ns, self._at_once_ns
-        state.estimate_every = bench.loop.estimate_every
-        state.covariance_every = bench.loop.covariance_stride(rate)
-        for axis in range(2):
-            volts = self._observer.scaling.sense(axis)
-            state.volts[axis] = volts
-            state.noise[axis] = bench.device.sense.noise_V / abs(volts)
+    def _bind(self) -> None:
+        self._state.echo = ctypes.addressof(self._shown.state)
 
-    def _turn(self) -> int:
-        while True:
-            self._lend()
-            why = self._c.run()
-            self._take_back()
-            match why:
-                case Why.DONE | Why.NEWS:
-                    return 0 if self._next is None or self._first is None else self._next - self._first
-                case Why.QUIET:
-                    return 0
-                case Why.WOKEN:
-                    self._wake()
-                    return 0
-                case Why.GAP:
-                    row = self._c.row
-                    self._bridge(row[0], row[3:5])
-                    self._next = row[0]
-                case Why.DUE:
-                    self._see_to_control(self._c.row[0])
-                case Why.ODD:
-                    raise ProtocolError(f"{self._name}: {self._shown.odd}; correct its firmware")
-                case Why.BEYOND:
-                    ux, uy = self._state.refused
-                    raise BeyondLimits(
-                        f"the control law gave drive codes of {ux:g} and {uy:g}, [limits] and the board allow "
-                        f"± {self._state.code_limit}: nothing was sent; check the observer"
-                    )
+    def _odd(self) -> str:
+        return self._shown.odd
 
-    def _lend(self) -> None:
-        """What may have changed since C last ran."""
-        state = self._state
-        state.goal = self._goal
-        state.stale = NONE if self._pause is None else self._pause.safe
-        state.link.waker = -1 if self.waker is None else self.waker
-        held, run, following = self._board.account.held_so_far
-        state.held_longest, state.held_run, state.held_next = held, run, NONE if following is None else following
-        due = self._step_target.due
-        state.due = min(ALWAYS if due is None else due, self._close_at if self._waiting else ALWAYS)
-        if self._hindsight.undecided:
-            state.look_after = 1
-        elif self._opening is not None:
-            state.look_after = min(self._opening.lacking, SEEN)
-        else:
-            state.look_after = ALWAYS
+    def _refused(self) -> str:
+        ux, uy = self._state.refused
+        return (
+            f"the control law gave drive codes of {ux:g} and {uy:g}, [limits] and the board allow ± "
+            f"{self._state.code_limit}"
+        )
 
-    def _take_back(self) -> None:
-        """What C has counted."""
-        state, counters, account = self._state, self.counters, self._board.account
-        for name in ("samples", "held", "clipped", "saturated", "residual_safe"):
-            setattr(counters, name, getattr(state, name))
-        following = None if state.held_next == NONE else state.held_next
-        account.held_so_far = state.held_longest, state.held_run, following
-        if state.silence_ns:
-            account.silent(state.silence_ns)
-            state.silence_ns = 0
-
-    def _see_to_control(self, tick: int) -> None:
-        """Close the loop, or move its target, before the sample of `tick`."""
-        assert self._first is not None
-        since = tick - self._first
-        self._close_at = max(since + 1, self._acquired)
-        if self._waiting and self._may_close(since):
-            self._waiting = False
-            self._observer.enable_control(True)
-        self._step_target(since)
+    def _may_look_after(self) -> int:
+        return 1 if self._hindsight.undecided else super()._may_look_after()
 
     def _saw(self, rows: list[SenseRow]) -> None:
-        """Rows that C has answered and recorded."""
         for row in rows if self._hindsight.undecided else ():
             self._hindsight.saw(row)
-        if self._opening is not None:
-            self._look(rows)
-
-    def _record(self, ticks: NDArray[np.int64], estimates: Estimates) -> None:
-        self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._reported))
-
-    def _record_covariance(self, tick: int, covariance: NDArray[np.float64]) -> None:
-        put_covariance(self._tracks["covariance"], tick, covariance)
+        super()._saw(rows)
 
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         """With the drive the board was last told to apply; of a single interval the samples that follow decide."""
@@ -160,9 +75,6 @@ class ForceLoop(Loop):
 
     def _begin_again(self) -> None:
         self._shown.forget()
-
-    def _said(self) -> list[Message]:
-        return self._endpoint.said()
 
     def _heed(self, said: list[Message], newest_ns: int) -> None:
         super()._heed(said, newest_ns)

@@ -3,15 +3,13 @@
 A gap in the samples is bridged by what the board must have done.
 """
 
+import ctypes
 import math
-import time
-from collections import deque
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from estimator.core.library import LIBRARY as CORE
 from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix
 from estimator.observer import Observer
@@ -19,30 +17,19 @@ from hil.bench import Bench
 from hil.declared import board_dither_of, board_filter_of
 from hil.loop.blocks import BlockLoop
 from hil.loop.matrices import SentMatrices
+from hil.loop.native import LIBRARY, GainsState, Mode
 from hil.loop.skeleton import NOTHING_WRITTEN
+from hil.loop.turn import address_of
 from hil.records.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import DriveGains, Identity, SafeReason
-from hil.wire.sense import Sense
-
-_LATER = 64  # matrices whose effect is still to be seen
-_RECENT = 16  # of those whose lateness the next is made for
-_CAPTURE = np.dtype([("tick", "<i8"), ("codes", "<i4", 4), ("flags", "u1")])  # the capture's row, its codes as one
-
-
-class _Sent(NamedTuple):
-    """A row of the ledger, before it is known when the matrix came into force."""
-
-    matrix_id: int
-    effective_tick: int
-    tick: int
-    times_ns: tuple[int, int, int]  # received, estimated, sent
 
 
 class GainLoop(BlockLoop):
-    """One run in gain mode."""
+    """One run in gain mode; native/gains.h has its answer."""
 
     DRIVE = DriveGains
+    MODE = Mode.GAIN
 
     def __init__(
         self,
@@ -57,58 +44,36 @@ class GainLoop(BlockLoop):
         block = bench.loop.block
         # A board that does not wait has gone on by up to a block when it hears: its next block is the first that a
         # matrix can be meant for from its beginning.
-        self._lead = 1 if self._lockstep else block
+        lead = 1 if self._lockstep else block
         board = board_filter_of(bench)
         self._matrix = GainMatrix(observer, board)
-        self._horizon = self._lead + block + identity.latency_ticks
-        self._late: deque[int] = deque((0,), maxlen=_RECENT)  # ticks by which matrices came into force too late
         self._foresight = Foresight(observer, board, self._drive_limit, board_dither_of(bench, identity))
-        self._sent: deque[_Sent] = deque(maxlen=_LATER)
         self._matrices = SentMatrices(block)
+        self._gains = GainsState(lead=lead, horizon=lead + block + identity.latency_ticks)
 
-    def _contradicted(self, sense: Sense, first: int, last: int) -> str:
-        return self._matrices.named(sense.matrix_id, first, last)
+    def _bind(self) -> None:
+        super()._bind()
+        gains = self._gains
+        gains.solve, gains.folding = address_of(CORE.estimator_gains), self._matrix.address
+        gains.gain, gains.bias = (part.ctypes.data for part in self._matrix.newest)
+        gains.follow, gains.tell = address_of(CORE.estimator_board_follow), address_of(CORE.estimator_board_tell)
+        gains.board = self._foresight.address
+        gains.matrices = ctypes.addressof(self._matrices.state)
+        self._state.gains = ctypes.addressof(gains)
 
-    def _follow(self, tick: int, codes: NDArray[np.int32]) -> None:
-        self._foresight.follow(tick, codes)
+    def _odd(self) -> str:
+        return self._matrices.odd
 
-    def _answer(self, last: int, received_ns: int, estimated_ns: int) -> int:
-        """Solve for the matrix and send it, zeros while the loop is open."""
-        gain, bias = self._matrix.solve(self._horizon + max(self._late), self._lead)
-        if not self._closed:
-            gain[:] = 0.0
-            bias[:] = 0.0
-        name, effective = self._matrices.next_name, last + self._lead
-        matrix = DriveGains(name, tuple(gain.ravel().tolist()), tuple(bias.tolist()), effective)
-        self._endpoint.send(matrix)
-        sent_ns = time.monotonic_ns()
-        self._matrices.sent(effective)
-        self._foresight.tell(gain, bias, effective)
-        if len(self._sent) == _LATER:
-            self._close(self._sent.popleft(), -1)
-        self._sent.append(_Sent(name, effective, last, (received_ns, estimated_ns, sent_ns)))
-        return sent_ns
+    def _refused(self) -> str:
+        return f"the control law gave a matrix with {self._state.refused[0]:g} in it, which no board takes"
 
-    def _account(self, tick: int, last: int, sense: Sense) -> None:
-        """Close the accounts of the matrices that must have come into force by the end of a block."""
-        while self._sent and self._sent[0].effective_tick <= last:
-            sent = self._sent[0]
-            applied = -1
-            if sent.matrix_id == sense.matrix_id:
-                applied = max(sent.effective_tick, tick)
-                self._late.append(last - sent.effective_tick if tick > sent.effective_tick else 0)
-            elif len(self._sent) == 1 or all(later.matrix_id != sense.matrix_id for later in self._sent):
-                return  # late: it is still to come
-            self._close(self._sent.popleft(), applied)
-
-    def _close(self, sent: _Sent, applied: int) -> None:
-        """Enter a matrix into the ledger, with the first tick computed with it, -1 where none was seen."""
-        self._tracks["timing"].put(sent.tick, *sent.times_ns, applied)
+    def _full(self) -> None:
+        self._matrices.make_room()
 
     def _leave_open(self) -> None:
         """The effect of what was sent will not be seen any more."""
-        while self._sent:
-            self._close(self._sent.popleft(), -1)
+        if self._gains.count:
+            self._c.lent(lambda: LIBRARY.turn_leave_open(ctypes.byref(self._state)))
 
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         """By what the board must have driven; it drove, or did not, as it does at the sample at hand."""

@@ -1,12 +1,19 @@
 """Every matrix that was sent in gain mode since ARM, and which of them a SENSE may name.
 
 A host that is late hears of a matrix long after it was sent: so the list is complete, however far the host lags.
-docs/wire.md, "What a host does", has the rule.
+docs/wire.md, "What a host does", has the rule; native/matrices.h judges by it.
 """
 
-from array import array
+import ctypes
+from typing import Any
+
+import numpy as np
+
+from hil.loop.native import LIBRARY, NONE, MatricesState
 
 NAMES = 255  # 1 to 255, given again and again
+_UNNAMED, _UNSENT = 1, 2  # of what is odd
+_ROOM = 1 << 12
 
 
 class SentMatrices:
@@ -14,30 +21,42 @@ class SentMatrices:
 
     A board switches in the order in which matrices arrive, and computes with one from its effective tick on.  So what
     SENSE names must be one that was sent since ARM, not before the one in force, with an effective tick that has come.
+
+    Attributes:
+        state: what is known, for the turn in C.
     """
 
     def __init__(self, block: int) -> None:
-        self._block = block
-        self._effective = array("q")  # first tick that each is meant for
-        self._armed = 0  # how many were sent before ARM
-        self._in_force: int | None = None
-        self._odd = ""
-        self._odd_tick = 0  # of the last row of the SENSE that cannot be
+        self.state = MatricesState(block=block, in_force=NONE)
+        self._effective = np.zeros(0, np.int64)  # first tick that each is meant for
+        self.make_room()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        self.__dict__.update(kept)
+        self.state.effective = self._effective.ctypes.data
+
+    def make_room(self) -> None:
+        """Have room for at least one more."""
+        if self.state.count == len(self._effective):
+            self._effective = np.concatenate([self._effective, np.zeros(max(_ROOM, self.state.count), np.int64)])
+            self.state.effective, self.state.room = self._effective.ctypes.data, len(self._effective)
 
     @property
     def next_name(self) -> int:
         """What the next matrix is called."""
-        return len(self._effective) % NAMES + 1
+        return int(self.state.count) % NAMES + 1
 
     def sent(self, effective_tick: int) -> None:
         """The next one has left, for ticks from `effective_tick` on."""
-        self._effective.append(effective_tick)
+        self.make_room()
+        LIBRARY.matrices_sent(ctypes.byref(self.state), effective_tick)
 
     def forget(self) -> None:
         """The board was armed again: it has forgotten what was sent before."""
-        self._armed = len(self._effective)
-        self._in_force = None
-        self._odd = ""
+        LIBRARY.matrices_forget(ctypes.byref(self.state))
 
     def named(self, name: int, first: int, last: int) -> str:
         """SENSE with rows from tick `first` to `last` names a matrix; in words what is wrong with one a block before,
@@ -46,28 +65,28 @@ class SentMatrices:
         The block in which a board stops by itself names none, and STATUS may come after it: so what cannot be is held
         against the board only with the next block.  On CAN a block comes in several SENSE, each with its name.
         """
-        if self._odd:
-            return self._odd if last >= self._odd_tick + self._block else ""
-        begin = self._armed if self._in_force is None else self._in_force
-        k = begin + (name - 1 - begin) % NAMES
-        if not name:
-            if self._in_force is not None:
-                self._odd = f"names no matrix; {self._in_force % NAMES + 1} was in force"
-        elif k >= len(self._effective):
-            self._odd = f"names matrix {name}; {self._told(begin)}"
-        elif self._effective[k] > max(last, first + self._block - 1):
-            self._odd = f"names matrix {name}, which is for tick {self._effective[k]} and later"
-        else:
-            self._in_force = k
-        if self._odd:
-            self._odd, self._odd_tick = f"SENSE of tick {last} {self._odd}", last
-        return ""
+        return self.odd if LIBRARY.matrices_named(ctypes.byref(self.state), name, first, last) else ""
 
-    def _told(self, begin: int) -> str:
+    @property
+    def odd(self) -> str:
+        """In words what is wrong with a SENSE, "" if nothing is."""
+        state = self.state
+        if not state.odd:
+            return ""
+        if state.odd == _UNNAMED:
+            told = f"names no matrix; {state.in_force % NAMES + 1} was in force"
+        elif state.odd == _UNSENT:
+            told = f"names matrix {state.odd_name}; {self._told()}"
+        else:
+            told = f"names matrix {state.odd_name}, which is for tick {state.odd_effective} and later"
+        return f"SENSE of tick {state.odd_tick} {told}"
+
+    def _told(self) -> str:
         """What could have been in force."""
-        count = len(self._effective) - begin
+        state = self.state
+        begin, count = state.odd_begin, state.odd_count - state.odd_begin
         if not count:
             return "none was sent since ARM"
-        first, last = begin % NAMES + 1, (len(self._effective) - 1) % NAMES + 1
-        since = "since ARM" if self._in_force is None else f"from matrix {first}, which was in force, on"
+        first, last = begin % NAMES + 1, (state.odd_count - 1) % NAMES + 1
+        since = "since ARM" if state.in_force == NONE else f"from matrix {first}, which was in force, on"
         return f"{count} were sent {since}, the last is {last}"

@@ -4,7 +4,6 @@ A mode adds how samples are answered (`_turn`), how a gap is bridged (`_predict`
 was armed again (`_begin_again`).  Nothing here stands between a sample and its answer.
 """
 
-import ctypes
 import math
 import os
 import time
@@ -18,7 +17,7 @@ from typing import Any, ClassVar
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.loop.armed import ArmedBoard, Pause
-from hil.loop.native import LIBRARY, NONE, TurnState
+from hil.loop.native import NONE, TurnState
 from hil.loop.opening import Opening
 from hil.loop.stops import Safety
 from hil.loop.target import TargetSteps
@@ -335,12 +334,6 @@ class Loop(ABC):
         """Frames that did not come, or of which nothing was taken; each may have been a block of rows."""
         rx = self._endpoint.rx
         return rx.lost + rx.undecodable + rx.repeated + self._endpoint.forgotten
-
-    def _judge(self, residual: float, share: float, since: int) -> None:
-        """Stop the run when the residual leaves its bounds: its mean square over the last samples, in units of the
-        noise, of which they are such a share of those it is averaged over."""
-        LIBRARY.turn_judge(ctypes.byref(self._state), residual, share, since)
-        self.counters.residual_safe = self._state.residual_safe
 
     def _look(self, rows: Iterable[Sequence[int]]) -> None:
         """The first rows, until there are enough."""

@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 from estimator.core.layout import OUTPUT
 from estimator.core.library import LIBRARY as CORE
 from estimator.observer import Estimates, Observer
-from hil.loop.echo import Echo
 from hil.loop.native import (
     LIBRARY,
     MOST_ROWS,
     NONE,
+    OBSERVE,
     RECEIVE,
     RECEIVE_ROWS,
     ROOM,
@@ -29,15 +29,17 @@ from hil.loop.native import (
     SAID,
     SAID_ROOM,
     SEND,
-    SEND_DRIVE,
+    SEND_MESSAGE,
     STEP,
     TRACKS,
+    BlocksState,
     Kind,
     ReceiverState,
     TurnState,
     Why,
     payload_sizes,
 )
+from hil.loop.rows import row_of, rows_of
 from hil.records.layout import Layout
 from hil.records.recorder import Track
 from hil.records.ring import Ring
@@ -45,16 +47,23 @@ from hil.wire.codec import unpack
 from hil.wire.endpoint import Endpoint
 from hil.wire.fd_link import FdLink
 from hil.wire.link import Link
-from hil.wire.sense import SenseRow
+from hil.wire.messages import DriveForce
+from hil.wire.sense import Sense, SenseRow
 from hil.wire.serial_format import SERIAL
 from hil.wire.stream import Received
 
 SEEN = 1024
 """Rows that are kept for those who look at each, at most."""
 
-_TICK = ctypes.cast(CORE.estimator_tick, ctypes.c_void_p).value
+
+def address_of(function: Any) -> int | None:
+    """Of a function of C, or of one that C may call."""
+    return ctypes.cast(function, ctypes.c_void_p).value
+
+
+_TICK, _SAMPLES = address_of(CORE.estimator_tick), address_of(CORE.estimator_samples)
 _STAGED = 256  # rows that wait for a track that is no ring
-_ESTIMATES, _COVARIANCES = 1024, 64
+_ESTIMATES, _COVARIANCES = 1024 + MOST_ROWS, 64  # a block may have one for each of its rows
 _RECEIVER = ("lost", "repeated", "undecodable", "passed_over", "tick", "run", "run_next")
 _DECODER = ("bytes", "frames", "cobs_errors", "short", "crc_errors", "oversize", "dropped_bytes", "skipping")
 
@@ -78,7 +87,8 @@ def _untouched(link: Link, kind: type[Any]) -> bool:
 
 
 class Turn:
-    """`state` is what C works on; rows of the record go to `tracks`, laid out as `layouts` say.
+    """`state` is what C works on; rows of the record go to `tracks`, laid out as `layouts` say.  `bind` is called when
+    addresses are to be put into `state`; `blocks` is given where samples are taken in blocks.
 
     Attributes:
         estimates: called with tick (n,) and estimates of the samples that are recorded.
@@ -91,14 +101,16 @@ class Turn:
         state: TurnState,
         endpoint: Endpoint,
         observer: Observer,
-        echo: Echo,
         tracks: Mapping[str, Track],
         layouts: Mapping[str, Layout],
+        bind: Callable[[], None],
+        blocks: BlocksState | None = None,
     ) -> None:
         self._state = state
         self._endpoint = endpoint
         self._observer = observer
-        self._echo = echo
+        self._bind_mode = bind
+        self._blocks = blocks
         self._tracks = [tracks[stem] for stem in TRACKS]
         self._staged = [
             None if isinstance(tracks[stem], Ring) else np.zeros(_STAGED, layouts[stem].dtype) for stem in TRACKS
@@ -107,14 +119,14 @@ class Turn:
         self._rows = np.zeros(4 * MOST_ROWS, ROW)
         self._said = np.zeros(SAID_ROOM, np.uint8)
         self._sizes = payload_sizes()
-        self._seen = np.zeros(SEEN, ROW)
+        self._seen = np.zeros(SEEN + MOST_ROWS, ROW)
         self._leftover = b""  # bytes that a link gave and that found no room
         self._kind = kind_of(endpoint.link)
         self._outputs = OUTPUT.itemsize // 8
         self._kept = np.zeros((_ESTIMATES, 1 + len(observer.x) + len(observer.estimated) + self._outputs))
         self._spreads = np.zeros((_COVARIANCES, 1 + len(observer.estimated) ** 2))
         self._bound: list[Any] | None = None
-        self._own_step: Any = None  # `_step`, for C
+        self._own: Any = None  # `_step`, or `_observe`, for C
         self._raised: BaseException | None = None
         self.estimates: Callable[[NDArray[np.int64], Estimates], None] = _unheard
         self.covariance: Callable[[int, NDArray[np.float64]], None] = _unheard
@@ -122,34 +134,39 @@ class Turn:
 
     def __getstate__(self) -> dict[str, Any]:
         """All but what holds an address."""
-        return {**self.__dict__, "_bound": None, "_own_step": None}
+        return {**self.__dict__, "_bound": None, "_own": None}
 
     def run(self) -> Why:
         """Answer samples until there is something to see to. Raises what the link raises, or Python within the call."""
-        if self._bound is None:
-            self._bind()
         if self._endpoint.rows_kept:
             state = self._state
-            rows = [_tuple(row) for row in self._rows[state.row_at : state.batch.row_count]]
-            self._take_rows(rows + self._endpoint.receive_rows(0.0))
-            state.fresh = not rows
+            rows = self._rows[state.row_at : state.batch.row_count]
+            state.fresh = not len(rows)
+            self._take_rows(np.concatenate([rows, rows_of(self._endpoint.blocks())]))
+        why = Why(self.lent(lambda: LIBRARY.turn_run(ctypes.byref(self._state))))
+        if why is Why.CLOSED:
+            raise self._endpoint.link.closed(self._state.link.failure)  # type: ignore[attr-defined]
+        return why
+
+    def lent(self, call: Callable[[], Any]) -> Any:
+        """What a call of C gives that works on `state`. Raises what Python raised within it."""
+        if self._bound is None:
+            self._bind()
         self._lend()
         try:
-            why = Why(LIBRARY.turn_force(ctypes.byref(self._state)))
+            found = call()
         finally:
             self._take_back()
         if self._raised is not None:
             raised, self._raised = self._raised, None
             self._state.failed = 0
             raise raised
-        if why is Why.CLOSED:
-            raise self._endpoint.link.closed(self._state.link.failure)  # type: ignore[attr-defined]
-        return why
+        return found
 
     @property
     def row(self) -> SenseRow:
         """The row that is to be taken next."""
-        return _tuple(self._rows[self._state.row_at])
+        return row_of(self._rows[self._state.row_at])
 
     # -- lent and taken back -----------------------------------------------------------------------------------------
 
@@ -159,7 +176,7 @@ class Turn:
         arrays = observer.arrays
         actual = arrays.c if arrays.settings["two_covariances"][0] else arrays.p
         state.receiver = ctypes.addressof(self._receiver)
-        state.echo = ctypes.addressof(self._echo.state)
+        self._bind_mode()
         batch = state.batch
         batch.rows, batch.row_room = self._rows.ctypes.data, len(self._rows)
         batch.said, batch.said_room = self._said.ctypes.data, len(self._said)
@@ -186,11 +203,11 @@ class Turn:
             "receive": RECEIVE(self._guarded(self._receive)),
             "send": SEND(self._guarded(self._send)),
             "receive_rows": RECEIVE_ROWS(self._guarded(self._receive_rows)),
-            "send_drive": SEND_DRIVE(self._guarded(self._send_drive)),
+            "send_message": SEND_MESSAGE(self._guarded(self._send_message)),
         }
-        self._own_step = STEP(self._guarded(self._step))
+        self._own = STEP(self._guarded(self._step)) if self._blocks is None else OBSERVE(self._guarded(self._observe))
         for name, call in calls.items():
-            setattr(state if name == "room" else link, name, ctypes.cast(call, ctypes.c_void_p).value)
+            setattr(state if name == "room" else link, name, address_of(call))
         if self._kind is Kind.DATAGRAM:
             self._address()
         self._bound = [arrays, actual, types, *calls.values()]
@@ -209,8 +226,11 @@ class Turn:
         state.link.fd = -1 if descriptor is None else descriptor
         state.seq = self._endpoint.tx.seq
         # While the angle is carried on, a tick has more to do than the core; one that was put in its place is asked.
-        alone = not self._observer.carries_angle and "tick" not in vars(self._observer)
-        state.step = _TICK if alone else ctypes.cast(self._own_step, ctypes.c_void_p).value
+        alone = not self._observer.carries_angle and not {"tick", "observe"} & vars(self._observer).keys()
+        if self._blocks is None:
+            state.step = _TICK if alone else address_of(self._own)
+        else:
+            self._blocks.observe = _SAMPLES if alone else address_of(self._own)
         state.context = self._observer.core
         state.received_ns = self._endpoint.received_ns
         for at, track in enumerate(self._tracks):
@@ -260,7 +280,7 @@ class Turn:
                 endpoint.take_in(rx.feed(data))
         self._tell_estimates()
         if state.seen_count:
-            rows = [_tuple(row) for row in self._seen[: state.seen_count]]
+            rows = [row_of(row) for row in self._seen[: state.seen_count]]
             state.seen_count = 0
             self.seen(rows)
 
@@ -309,13 +329,12 @@ class Turn:
             self.covariance(int(spread[0]), observer.covariance_of(scaled))
         self._state.covariance_count = 0
 
-    def _take_rows(self, rows: list[SenseRow]) -> None:
+    def _take_rows(self, rows: NDArray[np.void]) -> None:
         """Have these rows taken next."""
         if len(rows) > len(self._rows):
             self._rows = np.zeros(len(rows) + 4 * MOST_ROWS, ROW)
             self._state.batch.rows, self._state.batch.row_room = self._rows.ctypes.data, len(self._rows)
-        for at, row in enumerate(rows):
-            self._rows[at] = (*row, 0)
+        self._rows[: len(rows)] = rows
         self._state.batch.row_count, self._state.row_at = len(rows), 0
 
     # -- called from C -----------------------------------------------------------------------------------------------
@@ -356,20 +375,37 @@ class Turn:
         return 0
 
     def _receive_rows(self, timeout_ns: int) -> int:
-        rows = self._endpoint.receive_rows(1e-9 * timeout_ns)
-        self._state.received_ns = self._endpoint.received_ns
+        endpoint, state = self._endpoint, self._state
+        if self._blocks is None:
+            rows = np.array([(*row, 0, 1) for row in endpoint.receive_rows(1e-9 * timeout_ns)], ROW)
+        else:
+            items = endpoint.poll_new(1e-9 * timeout_ns)
+            rows = rows_of(items)
+            others = [item for item in items if not isinstance(item.message, Sense)]
+            endpoint.keep(others)
+            state.news = state.news or bool(others)
+        state.received_ns = endpoint.received_ns
         self._take_rows(rows)
         return len(rows)
 
-    def _send_drive(self, ux: int, uy: int, effective_tick: int) -> int:
-        self._endpoint.send_drive(ux, uy, effective_tick)
-        self._state.sent_ns = self._endpoint.sent_ns
+    def _send_message(self, type_: int, payload: int, size: int) -> int:
+        message = unpack(type_, ctypes.string_at(payload, size))
+        if isinstance(message, DriveForce):
+            self._endpoint.send_drive(*message)
+            self._state.sent_ns = self._endpoint.sent_ns
+        else:
+            self._endpoint.send(message)
+            self._state.sent_ns = time.monotonic_ns()
         return 0
 
+    def _observe(self, _: int, n: int, z: int, u: int, outputs: int) -> None:
+        rows = _doubles(outputs, n, self._outputs).view(OUTPUT)[:, 0]
+        self._observer.observe(_doubles(z, n, 2), _doubles(u, n, 2), rows)
 
-def _tuple(row: np.void) -> SenseRow:
-    tick, vx, vy, ux, uy, flags, _ = row.tolist()
-    return tick, vx, vy, ux, uy, flags
+
+def _doubles(at: int, rows: int, columns: int) -> NDArray[np.float64]:
+    """What stands at an address; lent."""
+    return np.ctypeslib.as_array(ctypes.cast(at, ctypes.POINTER(ctypes.c_double)), (rows, columns))
 
 
 def _unheard(*_: Any) -> None:

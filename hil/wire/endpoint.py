@@ -118,6 +118,15 @@ class Endpoint:
         self.keep([item for item in items if isinstance(item.message, Sense)])
         return [item.message for item in items if not isinstance(item.message, Sense)]
 
+    def blocks(self) -> list[Received]:
+        """SENSE that was kept, taken out; nothing is received, other messages stay."""
+        if not self._rows_kept:
+            return []
+        items = list(self._inbox)
+        self._clear()
+        self.keep([item for item in items if not isinstance(item.message, Sense)])
+        return [item for item in items if isinstance(item.message, Sense)]
+
     def receive_rows(self, timeout_s: float | None) -> list[SenseRow]:
         """Samples that have arrived, one tuple (tick, vx, vy, ux, uy, flags) of plain integers per row; other
         messages are kept for `poll`. Waits up to `timeout_s` seconds (None: for ever) for bytes; the list may

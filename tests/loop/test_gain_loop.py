@@ -1,5 +1,6 @@
 """Gain mode, block by block: a matrix from estimates, its tick, gaps that are bridged, a board that trips or drops."""
 
+import math
 from collections import deque
 from pathlib import Path
 from typing import Any
@@ -8,10 +9,14 @@ import numpy as np
 import pytest
 
 from device_emulator.board import Board
+from estimator.observer import Observer
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.loop import run as whole
+from hil.loop import turn
+from hil.loop.native import Kind
 from hil.loop.preflight import require_suitable
+from hil.loop.skeleton import BeyondLimits
 from hil.records.capture import RowFlag
 from hil.records.runfolder import RunFolder
 from hil.wire import client
@@ -297,6 +302,38 @@ def test_a_board_without_gain_mode_is_refused() -> None:
     identity = client.connect(endpoint)._replace(capabilities=Capabilities.FORCE_MODE | Capabilities.LOCKSTEP)
     with pytest.raises(InputError, match=r'cannot close the loop itself; use \[loop\] mode = "force"'):
         require_suitable(bench(), identity, "inproc")
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize("kind", list(Kind)[2:])
+def test_the_residual_is_judged_before_the_answer_leaves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: Kind
+) -> None:
+    """Each sample of a block is: the block with the one that stops the run is recorded, and not answered."""
+    monkeypatch.setattr(turn, "kind_of", lambda _: kind)
+    declared = bench(2.0, device={"sense": {"gain_V_per_m": (885.42, -885.42)}})
+    link = Overheard(board(gyro.scenario(tmp_path / "board.toml")))
+    run, counters = close_loop(link, declared, tmp_path / "run")
+    assert run.capture is not None
+    assert counters.residual_safe == 1
+    assert counters.samples == len(run.capture)
+    *answers, offered = link.gains
+    assert not any((*offered.gain, *offered.bias))  # after SAFE, for the board to refuse
+    assert [g.effective_tick for g in answers] == list(range(BLOCK, len(run.capture), BLOCK))
+
+
+@pytest.mark.parametrize("number", [math.nan, math.inf, 2e18])
+def test_a_matrix_that_no_board_takes_is_not_sent(tmp_path: Path, number: float) -> None:
+    """Whatever gives the matrix is not trusted."""
+
+    link = Overheard(board(gyro.scenario(tmp_path / "board.toml")))
+
+    def spoil(observer: Observer) -> None:
+        observer._record["quantum"] = {math.nan: math.nan, math.inf: 0.0}.get(number, 1e-30)
+
+    with pytest.raises(BeyondLimits, match=r"a matrix with .* in it, which no board takes: nothing was sent"):
+        close_loop(link, bench(0.5), tmp_path / "run", spoil)
+    assert not any(any((*g.gain, *g.bias)) for g in link.gains)
 
 
 @pytest.mark.moderate

@@ -17,6 +17,7 @@ from hil.wire.spec import SPEC
 _PATH = Path(__file__).with_name("libturn.so.1")
 _READ_SIZE = 4096
 _SENT = 1 << 12
+_LATER, _RECENT = 64, 16
 NONE = -(1 << 63)
 """In place of a tick."""
 ALWAYS = (1 << 63) - 1
@@ -27,9 +28,14 @@ SAID_ROOM = 2 * 65536
 """Bytes for messages beside samples; one read needs half of it."""
 
 ROW = np.dtype(
-    [("tick", "<i8"), ("vx", "<i4"), ("vy", "<i4"), ("ux", "<i4"), ("uy", "<i4"), ("flags", "<i4"), ("reserved", "<i4")]
+    [
+        ("tick", "<i8"),
+        *[(name, "<i4") for name in ("vx", "vy", "ux", "uy", "flags")],
+        ("matrix", "<i2"),
+        ("left", "<i2"),
+    ]
 )
-"""A sample."""
+"""A sample; `left` are the rows of its SENSE from this one on."""
 SAID = np.dtype(
     [("received_ns", "<i8"), ("tick", "<i8"), ("type", "<i4"), ("seq", "<i4"), ("size", "<i4"), ("reserved", "<i4")]
 )
@@ -43,6 +49,14 @@ class Kind(IntEnum):
     DATAGRAM = 1
     BYTES = 2
     ROWS = 3
+
+
+class Mode(IntEnum):
+    """How samples are answered."""
+
+    FORCE = 0
+    GAIN = 1
+    BOARD = 2
 
 
 class Why(IntEnum):
@@ -105,6 +119,46 @@ class EchoState(ctypes.Structure):
     )
 
 
+class MatricesState(ctypes.Structure):
+    """`matrices_t`"""
+
+    _fields_ = tuple(
+        _of("block effective room count armed in_force odd odd_tick odd_name odd_begin odd_count odd_effective")
+    )
+
+
+class _Sent(ctypes.Structure):
+    _fields_ = (*_of("matrix effective"), ("row", ctypes.c_int64 * 5))
+
+
+class GainsState(ctypes.Structure):
+    """`gains_t`"""
+
+    _fields_ = (
+        *_of("solve folding gain bias follow tell board matrices lead horizon"),
+        ("late", ctypes.c_int64 * _RECENT),
+        *_of("late_count first count"),
+        ("sent", _Sent * _LATER),
+    )
+
+
+class PermitState(ctypes.Structure):
+    """`permit_t`"""
+
+    _fields_ = tuple(_of("limit permitted odd odd_tick odd_drive"))
+
+
+class BlocksState(ctypes.Structure):
+    """`blocks_t`"""
+
+    _fields_ = (
+        *_of("observe z u outputs"),
+        ("code", ctypes.c_double * 4),
+        ("unit", ctypes.c_double * 4),
+        *_of("rows stride every covariance_every count closed began clip saturation"),
+    )
+
+
 class LinkState(ctypes.Structure):
     """`link_t`"""
 
@@ -113,7 +167,7 @@ class LinkState(ctypes.Structure):
         *_of("peer_ip group_ip", ctypes.c_uint32),
         *_of("peer_port group_port", ctypes.c_uint16),
         ("reserved", ctypes.c_uint32),
-        *_of("receive send receive_rows send_drive"),
+        *_of("receive send receive_rows send_message"),
     )
 
 
@@ -124,7 +178,7 @@ class TurnState(ctypes.Structure):
         ("receiver", ctypes.c_int64),
         ("batch", Batch),
         ("link", LinkState),
-        ("echo", ctypes.c_int64),
+        *_of("mode echo blocks gains permit"),
         ("tracks", TrackState * 3),
         *_of("room step context newest state covariance queue states estimated outputs latency"),
         ("volts", ctypes.c_double * 2),
@@ -152,7 +206,8 @@ ROOM = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
 RECEIVE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
 SEND = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
 RECEIVE_ROWS = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64)
-SEND_DRIVE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int32, ctypes.c_int32, ctypes.c_int64)
+SEND_MESSAGE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64)
+OBSERVE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int64, *[ctypes.c_void_p] * 3)  # context, n, z, u, outputs
 
 
 def _load() -> ctypes.CDLL:
@@ -161,9 +216,15 @@ def _load() -> ctypes.CDLL:
     except OSError as error:
         raise ImportError(f"{_PATH.name} of the loop cannot be loaded ({error}); run `make install`") from None
     pointer, whole, code = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int32
-    library.turn_force.argtypes = (pointer,)
-    library.turn_judge.argtypes = (pointer, ctypes.c_double, ctypes.c_double, whole)
-    library.turn_judge.restype = None
+    library.turn_run.argtypes = (pointer,)
+    library.turn_leave_open.argtypes = (pointer,)
+    library.turn_leave_open.restype = None
+    library.matrices_forget.argtypes = (pointer,)
+    library.matrices_forget.restype = None
+    library.matrices_sent.argtypes = (pointer, whole)
+    library.matrices_sent.restype = None
+    library.matrices_named.argtypes = (pointer, whole, whole, whole)
+    library.matrices_named.restype = whole
     library.turn_feed.argtypes = (pointer, pointer, ctypes.c_char_p, whole)
     library.turn_feed.restype = whole
     library.echo_forget.argtypes = (pointer,)
@@ -173,7 +234,7 @@ def _load() -> ctypes.CDLL:
     library.echo_saw.argtypes = (pointer, whole, code, code, code)
     library.echo_saw.restype = whole
     expected = (ROW.itemsize, *map(ctypes.sizeof, (ReceiverState,)), SAID.itemsize)
-    expected += tuple(map(ctypes.sizeof, (EchoState, TurnState)))
+    expected += tuple(map(ctypes.sizeof, (EchoState, MatricesState, GainsState, PermitState, BlocksState, TurnState)))
     sizes = (ctypes.c_int64 * len(expected))()
     library.turn_sizes(sizes)
     if tuple(sizes) != expected:

@@ -3,7 +3,6 @@
 #ifndef TURN_ECHO_H
 #define TURN_ECHO_H
 
-#include <stdlib.h>
 
 #include "structs.h"
 

@@ -180,27 +180,25 @@ static int write_datagram(link_t *link, const uint8_t *data, size_t size)
     return CAME;
 }
 
-/* DRIVE_FORCE, on its way; `sent_ns` is when. */
-static int send_drive(turn_t *turn, int32_t ux, int32_t uy, int64_t effective_tick)
+/* A message, on its way; `sent_ns` is when. */
+static int send_message(turn_t *turn, uint8_t type, const uint8_t *payload, size_t size)
 {
     link_t *link = &turn->link;
     if (link->kind == LINK_ROWS)
-        return link->send_drive(ux, uy, effective_tick) < 0 ? RAISED : CAME;
-    receiver_t *rx = turn->receiver;
-    uint8_t body[HIL_HEADER_SIZE + HIL_DRIVE_FORCE_SIZE], data[HIL_MAX_HOST_PAYLOAD + HIL_MIN_BODY + 4u];
-    hil_drive_force drive = {ux, uy, (uint32_t)effective_tick};
-    body[0] = HIL_TYPE_DRIVE_FORCE;
+        return link->send_message(type, payload, (int64_t)size) < 0 ? RAISED : CAME;
+    uint8_t body[HIL_HEADER_SIZE + HIL_MAX_HOST_PAYLOAD], data[HIL_MAX_HOST_PAYLOAD + HIL_MIN_BODY + 4u];
+    body[0] = type;
     put_little(body + 1, (uint32_t)turn->seq, 2u);
-    put_little(body + 3, (uint32_t)rx->tick, 4u);
-    hil_pack_drive_force(&drive, body + HIL_HEADER_SIZE);
-    size_t size = seal(body, sizeof body, data);
-    turn->types[turn->seq] = HIL_TYPE_DRIVE_FORCE;
+    put_little(body + 3, (uint32_t)turn->receiver->tick, 4u);
+    memcpy(body + HIL_HEADER_SIZE, payload, size);
+    size_t sealed = seal(body, HIL_HEADER_SIZE + size, data);
+    turn->types[turn->seq] = type;
     turn->seq = (turn->seq + 1) & 0xFFFF;
     int done;
     if (link->kind == LINK_BYTES)
-        done = link->send(data, (int64_t)size) < 0 ? RAISED : CAME;
+        done = link->send(data, (int64_t)sealed) < 0 ? RAISED : CAME;
     else
-        done = link->kind == LINK_STREAM ? write_stream(link, data, size) : write_datagram(link, data, size);
+        done = link->kind == LINK_STREAM ? write_stream(link, data, sealed) : write_datagram(link, data, sealed);
     turn->sent_ns = now_ns();
     return done;
 }

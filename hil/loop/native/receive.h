@@ -64,7 +64,8 @@ static bool sense(batch_t *batch, int64_t tick, const uint8_t *payload, size_t s
         for (unsigned column = 0; column < HIL_SENSE_COLUMNS; column++, at += head.width)
             row->codes[column] = (int32_t)(little(at, head.width) << shift) >> shift;
         row->flags = head.flags;
-        row->reserved = 0;
+        row->matrix = head.matrix_id;
+        row->left = (int16_t)(head.n - k);
     }
     return true;
 }

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "../../../firmware/src/hil_frame.h" /* the wire, generated from its spec */
@@ -20,7 +21,8 @@ typedef struct {
     int64_t tick;
     int32_t codes[4]; /* vx, vy, ux, uy */
     int32_t flags;
-    int32_t reserved;
+    int16_t matrix; /* gain mode: the one that its SENSE names */
+    int16_t left;   /* rows of its SENSE, from this one on */
 } row_t;
 
 /* The receiving direction: hil.wire.framing.Decoder and hil.wire.stream.Receiver. */
@@ -84,6 +86,70 @@ typedef struct {
 
 enum { ODD_NOTHING, ODD_HELD, ODD_UNSENT, ODD_OTHER };
 
+/* Which matrices were sent in gain mode, and whether SENSE may name one: hil.loop.matrices. */
+typedef struct {
+    int64_t block;
+    int64_t *effective; /* first tick that each is meant for */
+    int64_t room, count;
+    int64_t armed;    /* how many were sent before ARM */
+    int64_t in_force; /* NONE */
+    int64_t odd;      /* what is wrong with a SENSE: MATRIX_… */
+    int64_t odd_tick, odd_name, odd_begin, odd_count, odd_effective;
+} matrices_t;
+
+enum { MATRIX_FINE, MATRIX_NONE, MATRIX_UNSENT, MATRIX_EARLY };
+
+/* A row of gain mode's ledger, before it is known when the matrix came into force. */
+typedef struct {
+    int64_t matrix, effective;
+    int64_t row[5]; /* hil.records.timing.ledger_layout */
+} sent_t;
+
+#define LATER 64  /* matrices whose effect is still to be seen */
+#define RECENT 16 /* of those whose lateness the next is made for */
+
+/* How gain mode answers. */
+typedef struct {
+    void (*solve)(void *folding, int64_t horizon, int64_t ahead); /* into gain and bias */
+    void *folding;
+    double *gain, *bias;
+    /* the board's law on the host, for gaps */
+    void (*follow)(void *board, int64_t first, const int32_t *codes, int64_t rows, int64_t columns);
+    void (*tell)(void *board, const double *gain, const double *bias, int64_t effective);
+    void *board;
+    matrices_t *matrices;
+    int64_t lead, horizon;
+    int64_t late[RECENT], late_count; /* ticks by which matrices came into force too late */
+    int64_t first, count;             /* of `sent` */
+    sent_t sent[LATER];
+} gains_t;
+
+/* How board mode answers. */
+typedef struct {
+    int64_t limit;     /* DRIVE_LIMIT */
+    int64_t permitted; /* to drive, since it was armed */
+    int64_t odd, odd_tick, odd_drive;
+} permit_t;
+
+enum { PERMIT_FINE, PERMIT_BEYOND, PERMIT_DRIVES };
+
+/* Samples in blocks: observed whole, of those at hand the newest answered. */
+typedef struct {
+    void (*observe)(void *context, int64_t n, const double *z, const double *u, double *outputs);
+    double *z, *u, *outputs;       /* of as many samples as a SENSE may have */
+    double code[4], unit[4];       /* SI of a code; of a scaled unit */
+    int64_t rows;                  /* of a block */
+    int64_t stride;                /* samples of a block from estimate to estimate */
+    int64_t every, covariance_every; /* blocks */
+    int64_t count;                 /* that were observed */
+    int64_t closed;                /* the loop */
+    int64_t began;                 /* tick of the first row since ARM, with which a block begins; NONE */
+    int64_t clip, saturation;      /* codes at the end of the converter, and of the drive */
+} blocks_t;
+
+/* How samples are answered. */
+enum { MODE_FORCE, MODE_GAIN, MODE_BOARD };
+
 typedef void (*tick_fn)(void *context, double vx, double vy, double ux, double uy, double codes[2]);
 
 /* How bytes, or rows, come and go. */
@@ -102,7 +168,7 @@ typedef struct {
     int64_t (*receive)(int64_t timeout_ns, uint8_t *data, int64_t room);
     int64_t (*send)(const uint8_t *data, int64_t size);
     int64_t (*receive_rows)(int64_t timeout_ns);
-    int64_t (*send_drive)(int32_t ux, int32_t uy, int64_t effective_tick);
+    int64_t (*send_message)(int64_t type, const uint8_t *payload, int64_t size);
 } link_t;
 
 enum { TRACK_CAPTURE, TRACK_TIMING, TRACK_INNOVATION, TRACKS };
@@ -112,7 +178,11 @@ typedef struct {
     receiver_t *receiver;
     batch_t batch;
     link_t link;
-    echo_t *echo;
+    int64_t mode;
+    echo_t *echo; /* force mode */
+    blocks_t *blocks;
+    gains_t *gains;
+    permit_t *permit;
     track_t tracks[TRACKS];
     int64_t (*room)(int64_t track); /* room in a full one: 1 there is, 0 there is not, −1 Python raised */
 
@@ -166,7 +236,7 @@ typedef struct {
     int64_t guarded; /* sample from which the residual may stop the run */
     int64_t stop;
     int64_t failed; /* Python raised within a call */
-    double refused[2]; /* codes that were not sent */
+    double refused[2]; /* what was not sent */
 } turn_t;
 
 /* Why a call returns. */
@@ -176,9 +246,9 @@ enum {
     TURN_NEWS,       /* something came beside samples, which are answered */
     TURN_GAP,        /* samples are missing before the next row, or it is from the past */
     TURN_DUE,        /* before the sample that `due` names */
-    TURN_ODD,        /* the echo of a drive is wrong */
+    TURN_ODD,        /* the board shows what it was not told */
     TURN_LOOK,       /* after as many rows as asked for */
-    TURN_FULL,       /* there is no room for more estimates */
+    TURN_FULL,       /* there is no room for more estimates, or matrices */
     TURN_WOKEN,      /* a signal came */
     TURN_CLOSED,     /* the link is closed */
     TURN_FAILED,     /* Python raised */

@@ -44,14 +44,13 @@ static void put_capture(turn_t *turn, const row_t *row)
     published(turn, TRACK_CAPTURE);
 }
 
-/* `timing_layout` of hil/records/timing.py. */
-static void put_timing(turn_t *turn, int64_t tick, int64_t estimated_ns)
+/* `timing_layout`, or `ledger_layout`, of hil/records/timing.py. */
+static void put_timing(turn_t *turn, const int64_t *row, size_t columns)
 {
-    int64_t row[4] = {tick, turn->received_ns, estimated_ns, turn->sent_ns};
     uint8_t *to = slot(turn, TRACK_TIMING);
     if (to == NULL)
         return;
-    memcpy(to, row, sizeof row);
+    memcpy(to, row, columns * sizeof *row);
     published(turn, TRACK_TIMING);
 }
 

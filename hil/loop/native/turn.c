@@ -4,30 +4,53 @@
 
 #define _GNU_SOURCE /* ppoll */
 
+#include "blocks.h"
 #include "force.h"
 
 #define EXPORT __attribute__((visibility("default")))
 
 /* Sizes of the structures, for Python to compare. */
-EXPORT void turn_sizes(int64_t sizes[5])
+EXPORT void turn_sizes(int64_t sizes[9])
 {
     sizes[0] = sizeof(row_t);
     sizes[1] = sizeof(receiver_t);
     sizes[2] = sizeof(said_t);
     sizes[3] = sizeof(echo_t);
-    sizes[4] = sizeof(turn_t);
+    sizes[4] = sizeof(matrices_t);
+    sizes[5] = sizeof(gains_t);
+    sizes[6] = sizeof(permit_t);
+    sizes[7] = sizeof(blocks_t);
+    sizes[8] = sizeof(turn_t);
 }
 
 /* Answer samples until there is a reason to return: TURN_…. */
-EXPORT int turn_force(turn_t *turn)
+EXPORT int turn_run(turn_t *turn)
 {
-    return force(turn);
+    if (turn->fresh && is_done(turn))
+        return TURN_DONE;
+    turn->fresh = 0;
+    for (;;) {
+        /* What a board's own estimator says is judged before the board is let go on. */
+        bool heard_first = turn->mode == MODE_BOARD && turn->news;
+        int why = heard_first ? TURN_DONE : turn->mode == MODE_FORCE ? take_rows(turn) : take_blocks(turn);
+        if (why != TURN_DONE)
+            return why;
+        if (turn->news) {
+            turn->news = 0;
+            return TURN_NEWS;
+        }
+        if (is_done(turn))
+            return TURN_DONE;
+        why = hear(turn);
+        if (why != TURN_DONE)
+            return why;
+    }
 }
 
-/* Judge a block of samples of another mode: as within a turn. */
-EXPORT void turn_judge(turn_t *turn, double residual, double share, int64_t since)
+/* Close the accounts of all matrices whose effect nobody will see. */
+EXPORT void turn_leave_open(turn_t *turn)
 {
-    judge(turn, residual, share, since);
+    leave_open(turn);
 }
 
 /* Take `size` bytes; how many of them found room in the batch. */
@@ -57,4 +80,19 @@ EXPORT int64_t echo_saw(echo_t *echo, int64_t tick, int32_t ux, int32_t uy, int3
 {
     int32_t u[2] = {ux, uy};
     return echo_saw_(echo, tick, u, flags);
+}
+
+EXPORT void matrices_forget(matrices_t *matrices)
+{
+    matrices_forget_(matrices);
+}
+
+EXPORT void matrices_sent(matrices_t *matrices, int64_t effective_tick)
+{
+    matrices_sent_(matrices, effective_tick);
+}
+
+EXPORT int64_t matrices_named(matrices_t *matrices, int64_t name, int64_t first, int64_t last)
+{
+    return matrices_named_(matrices, name, first, last);
 }
