@@ -128,7 +128,7 @@ def test_what_a_wire_carries() -> None:
 def test_the_rate_that_can_be_held() -> None:
     held = capacity(PROBED)
     assert held.force_Hz == pytest.approx(1e6 / (90 + 10))
-    assert held.gain_Hz == pytest.approx(0.5 * 1e6 / (2.0 * 2.0))
+    assert held.gain_Hz == pytest.approx(0.5 * 1e6 / (1.2 * 2.0))
     assert capacity(PROBED, baud=921_600).gain_Hz == pytest.approx(92160 / 8 / 1.08)
     later = PROBED | {"identity": PROBED["identity"] | {"latency_ticks": 3}}
     assert capacity(later).force_Hz == pytest.approx(3e6 / 100)
@@ -141,7 +141,9 @@ def test_a_board_that_is_too_fast_is_told_what_to_do() -> None:
     assert found["force mode"].told.startswith("up to 10000 Hz (round trip 90 µs and observer 10 µs, p99")
     assert 'mode = "gain"' in found["force mode"].remedy
     assert found["gain mode"] == Finding(
-        "gain mode", "good", "up to 120000 Hz (the observer takes 2 µs a sample, the host 2 times that, 50% of a core)"
+        "gain mode",
+        "good",
+        "up to 200000 Hz (the observer takes 2 µs a sample, the host 1.2 times that, 50% of a core)",
     )
 
 
