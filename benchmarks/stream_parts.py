@@ -1,8 +1,8 @@
 """What a streamed row costs the host, part by part: gain mode in real time over a pty, the board a process of its own.
 
-The whole is the processor time of the loop's thread.  Of it the parts that C has as calls of their own are measured by
-these calls, over the same samples; the rest is reading, writing, rows of the record, and waking up.  The recorder behind
-the rings is another process's time, and nothing asks for real-time scheduling.
+The whole is the processor time of the loop's thread.  Of it the parts that C has as calls of their own are measured
+by these calls, over the same samples; the rest is reading, writing, rows of the record, and waking up.  The recorder
+behind the rings is another process's time, and nothing asks for real-time scheduling.
 """
 
 import ctypes

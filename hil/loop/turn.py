@@ -111,10 +111,12 @@ class Turn:
         self._observer = observer
         self._bind_mode = bind
         self._blocks = blocks
-        self._tracks = [tracks[stem] for stem in TRACKS]
-        self._staged = [
-            None if isinstance(tracks[stem], Ring) else np.zeros(_STAGED, layouts[stem].dtype) for stem in TRACKS
-        ]
+        self._tracks = {at: tracks[stem] for at, stem in enumerate(TRACKS) if stem in tracks}
+        self._staged = {
+            at: np.zeros(_STAGED, layouts[TRACKS[at]].dtype)
+            for at, track in self._tracks.items()
+            if not isinstance(track, Ring)
+        }
         self._receiver = ReceiverState(expected=NONE)
         self._rows = np.zeros(4 * MOST_ROWS, ROW)
         self._said = np.zeros(SAID_ROOM, np.uint8)
@@ -192,10 +194,9 @@ class Turn:
         state.states, state.estimated, state.outputs = len(observer.x), len(observer.estimated), self._outputs
         types = (ctypes.c_uint8 * len(self._endpoint.tx.types)).from_buffer(self._endpoint.tx.types)
         state.types = ctypes.addressof(types)
-        for at, staged in enumerate(self._staged):
-            if staged is not None:
-                track = state.tracks[at]
-                track.rows, track.row_size, track.capacity = staged.ctypes.data, staged.itemsize, len(staged)
+        for at, staged in self._staged.items():
+            track = state.tracks[at]
+            track.rows, track.row_size, track.capacity = staged.ctypes.data, staged.itemsize, len(staged)
         link = state.link
         link.kind = self._kind
         calls = {
@@ -233,7 +234,7 @@ class Turn:
             self._blocks.observe = _SAMPLES if alone else address_of(self._own)
         state.context = self._observer.core
         state.received_ns = self._endpoint.received_ns
-        for at, track in enumerate(self._tracks):
+        for at, track in self._tracks.items():
             if isinstance(track, Ring):
                 lent, mine = track.lend(), state.tracks[at]
                 mine.rows, mine.written, mine.read, mine.dropped, mine.head = lent
@@ -253,7 +254,7 @@ class Turn:
     def _take_back(self) -> None:
         """What it has changed, and what it has put down."""
         state, endpoint, receiver = self._state, self._endpoint, self._receiver
-        for at, track in enumerate(self._tracks):
+        for at, track in self._tracks.items():
             if isinstance(track, Ring):
                 track.advance(state.tracks[at].head)
             elif state.tracks[at].head:
@@ -286,9 +287,8 @@ class Turn:
 
     def _unload(self, at: int) -> None:
         """Give a track that is no ring what waits for it."""
-        staged, track = self._staged[at], self._state.tracks[at]
-        assert staged is not None
-        rows, track.head = staged[: track.head], 0
+        track = self._state.tracks[at]
+        rows, track.head = self._staged[at][: track.head], 0
         self._tracks[at].push(rows)
 
     def _hear(self) -> None:
