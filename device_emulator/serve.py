@@ -19,6 +19,7 @@ from device_emulator.line import Line, Unplugged
 from device_emulator.outbox import Outbox
 from hil.wire.errors import LinkClosed
 from hil.wire.link import BoardLink
+from hil.wire.messages import State
 
 IDLE_S = 0.5
 """Longest wait; how often a board looks whether its parent is still there."""
@@ -44,6 +45,7 @@ class Server:
         self._rate_Hz = sample_rate_Hz
         self._origin: float | None = None  # wall time of tick 0, once a paced board has streamed
         self._urgent = False
+        self._overtaken = False  # samples are made that came due while this process stood still
 
     def run(self, stop: int, parent: int) -> None:
         """Serve; returns when it is over. `stop` is the descriptor of `stop_signal`, `parent` the process that this one
@@ -69,6 +71,9 @@ class Server:
         board = self._board
         paced = not board.registers.lockstep
         self._be_urgent(paced and board.streaming)
+        if paced and self._stood_still():
+            self._send_block()
+            return True
         if not paced:
             self._origin = None
             deadline = time.monotonic() + IDLE_S
@@ -91,6 +96,19 @@ class Server:
         elif self._origin is not None:
             self._catch_up()
         return True
+
+    def _stood_still(self) -> bool:
+        """Whether this process itself stood still, as does the whole machine, for as long as the watchdog of a board
+        that drives. The samples that came due meanwhile are made before anything is heard: a board would have sent them
+        to a host that said nothing in their time, and so its watchdog trips.
+        """
+        board = self._board
+        if board.state is not State.RUNNING or self._origin is None:
+            self._overtaken = False
+            return False
+        behind = (time.monotonic() - self._origin) * self._rate_Hz - board.rows
+        self._overtaken = behind >= board.registers.watchdog or (self._overtaken and behind > board.registers.block)
+        return self._overtaken
 
     def _send_block(self) -> None:
         """The next SENSE. What a host in force mode has not taken by now is stale; a stream may wait its turn."""
