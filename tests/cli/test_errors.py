@@ -102,17 +102,35 @@ def test_scenario_of_a_link_has_to_exist(hil: Hil) -> None:
     assert "s-fast: no such scenario file" in refused(hil("emulate", "s-fast"))
 
 
+def refused_by_board(answer: tuple[int, str, str]) -> str:
+    """The same of an emulated board, however long it took to start: while it is waited for, that is told."""
+    code, out, err = answer
+    *before, last = err.splitlines(keepends=True)
+    assert all(line == "board\n" or "waiting for the emulated board" in line for line in before)
+    return refused((code, out, last))
+
+
+@pytest.fixture(params=[None, 0.0], ids=["as it starts", "slowly"])
+def start_up(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A board that starts as it does, and one that takes longer than usual."""
+    if request.param is not None:
+        monkeypatch.setattr("hil.emulation._USUAL_S", request.param)
+        monkeypatch.setattr("hil.emulation._TOLD_S", 0.05)
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("start_up")
 def test_bad_scenario_is_told_by_the_emulator(hil: Hil, tmp_path: Path) -> None:
     text = examples.find("scenario", "s-slow").read_text(encoding="utf-8")
     (tmp_path / "odd.scenario.toml").write_text(text.replace("mass_kg", "mas_kg"), encoding="utf-8")
-    line = refused(hil("emulate", "odd.scenario.toml"))
+    line = refused_by_board(hil("emulate", "odd.scenario.toml"))
     assert line == "emulated board: odd.scenario.toml: [truth] mas_kg: unknown key; did you mean mass_kg?"
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("start_up")
 def test_unwritable_truth_is_told_by_the_emulator(hil: Hil) -> None:
-    assert "absent/t.arrow" in refused(hil("emulate", "s-slow", "--truth", "absent/t.arrow"))
+    assert "absent/t.arrow" in refused_by_board(hil("emulate", "s-slow", "--truth", "absent/t.arrow"))
 
 
 def test_a_folder_of_runs_that_is_not_there(hil: Hil) -> None:
