@@ -7,7 +7,8 @@ from hil.formula import formula_of
 from hil.numbers import percent, quantity
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
-from hil.verdict.budget import largest_source, remedy
+from hil.verdict.budget import largest_source
+from hil.verdict.remedies import remedy
 
 _OPEN_LOOP = (
     "no angle is reported: {why}; run with the control law on, or without it with "
@@ -34,7 +35,7 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
             outcome="failed" if asked else "unknown",
             reason=_OPEN_LOOP.format(why=formula_of(bench).why) if asked else _FROM_ELSEWHERE,
         )
-    scored = estimates.since(bench.loop.settle_s)
+    scored = estimates.settled(bench.loop.settle_s)
     if not len(scored):
         return Part(outcome="unknown")
     reasons, after = [], None
@@ -65,7 +66,7 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
             f"the angle is uncertain by {_angle(expanded)} (k = 2), [limits] angle_rad is {limits.angle_rad:g}; "
             f"largest source: {largest_source(largest)}"
         )
-        after = remedy(largest, bench)
+        after = remedy(largest, bench).text
     if not reasons and expanded is None:
         return Part(outcome="failed", reason="the angle's uncertainty is not finite: the observer diverged")
     part = Part.of(reasons)

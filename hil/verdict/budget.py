@@ -54,7 +54,7 @@ def budget(
     """
     if estimates is None or "angle_u_rad" not in estimates:
         return _NOTHING
-    scored = estimates.since(bench.loop.settle_s)
+    scored = estimates.settled(bench.loop.settle_s)
     if len(scored) < 2:
         return _NOTHING
     ends = scored.part(0, 1), scored.part(len(scored) - 1, len(scored))
@@ -289,50 +289,3 @@ def largest_source(row: Contribution) -> str:
     """The largest row, and the U that there would be by it alone."""
     told = " (assumed)" if row.assumed else ""
     return f"{row.source}{told}, U = {quantity(COVERAGE * row.contribution_rad, 'rad', 2)}"
-
-
-def remedy(row: Contribution, bench: Bench) -> str:
-    """The setting, or the act, that lowers a row."""
-    controller = bench.controller
-    if row.source in ("drive gain", "sense gain ratio", "clock") and controller.virtual_rotation_rad_s != 0.0:
-        if controller.virtual_reversal_s == 0.0:
-            period = abs(math.pi / controller.virtual_rotation_rad_s)
-            return f"set [controller] virtual_reversal_s = {period:.2g}, so that a gain error cancels, and run again"
-        return "set a smaller [controller] virtual_rotation_rad_s, or virtual_reversal_s, and run again"
-    if row.source == ESTIMATION:
-        walk = bench.observer.process_noise.rate_rad_s_per_rts
-        if walk > 0.0:
-            return (
-                f"set [observer.process_noise] rate_rad_s_per_rts = {walk / 4.0:.2g} if the rate changes no faster, "
-                "and run again"
-            )
-        return "vibrate with a larger [device] amplitude_m, as far as the device allows, and run again"
-    if row.source == UNDECLARED:
-        return _excitation(bench)
-    if row.source == LACKING:
-        return "hil trace the run with --add better.bench.toml, and run with that bench file"
-    if row.source == DAMPING:
-        return "measure the damping, and say how well with [observer.initial_sd] damping"
-    key = f"{row.source.replace(' ', '_')}_u{'_s' if row.unit == 's' else ''}"
-    return f"calibrate it, and declare how well with [device.calibration] {key}"
-
-
-def _excitation(bench: Bench) -> str:
-    """What makes a record say more of what nobody declared: a pattern that turns further, as far as the drive can turn
-    it. Dither adds next to nothing to that.
-    """
-    controller, omega = bench.controller, math.sqrt(bench.target_stiffness_per_s2)
-    if not controller.enabled:
-        return "run with the control law on ([controller] enabled), so that the record says more of the device"
-    rate = 2.0 * abs(controller.virtual_rotation_rad_s) or _TURNED * omega
-    if 2.0 * rate * omega * bench.device.amplitude_m > 0.5 * bench.drive_limit_mps2:
-        return "hil trace the run: it proposes the experiment that separates what is left"
-    reversal = f" and virtual_reversal_s = {math.pi / rate:.2g}" if controller.virtual_reversal_s == 0.0 else ""
-    return (
-        f"set [controller] virtual_rotation_rad_s = {rate:.2g}{reversal}, so that the record says more of the device, "
-        "and run again"
-    )
-
-
-_TURNED = 2e-3
-"""Of the resonance, rad/s: about the virtual rotation of the examples."""

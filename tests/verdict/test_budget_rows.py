@@ -11,11 +11,12 @@ import numpy as np
 import pytest
 
 from estimator.completeness.information import Coefficient, Information
-from hil.bench import Bench
+from hil.bench import Bench, override
 from hil.numbers import quantity
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution
-from hil.verdict.budget import Budget, budget, remedy
+from hil.verdict.budget import Budget, budget
+from hil.verdict.remedies import remedy
 from tests.loop import gyro
 from tests.verdict.gyro_estimates import DXX, DXY, DYY, KXY, RATE, SD, SECONDS, SETTLE_S, VIRTUAL, estimates
 
@@ -221,32 +222,50 @@ def row(source: str, unit: str = "1") -> Contribution:
 @pytest.mark.parametrize("source", ["drive gain", "sense gain ratio", "clock"])
 def test_a_gain_error_cancels_in_a_virtual_rotation_that_is_reversed(source: str) -> None:
     turning = bench({}, controller={"virtual_rotation_rad_s": -2.0, "virtual_reversal_s": 0.0})
-    assert "[controller] virtual_reversal_s = 1.6," in remedy(row(source), turning)  # after half a turn
+    assert "[controller] virtual_reversal_s = 1.6," in remedy(row(source), turning).text  # after half a turn
     reversed_already = bench({}, controller={"virtual_rotation_rad_s": 2.0, "virtual_reversal_s": 1.0})
-    assert "smaller [controller] virtual_rotation_rad_s" in remedy(row(source), reversed_already)
+    assert "smaller [controller] virtual_rotation_rad_s" in remedy(row(source), reversed_already).text
     still = bench({}, controller={"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0})
-    assert f"[device.calibration] {source.replace(' ', '_')}_u" in remedy(row(source), still)
+    assert f"[device.calibration] {source.replace(' ', '_')}_u" in remedy(row(source), still).text
 
 
 def test_each_row_has_a_remedy_of_its_own() -> None:
     declared = bench({})
-    assert "[observer.process_noise] rate_rad_s_per_rts = 0.25 " in remedy(row("estimation", "rad"), declared)
+    assert "[observer.process_noise] rate_rad_s_per_rts = 0.25 " in remedy(row("estimation", "rad"), declared).text
     constant = bench({}, observer={"process_noise": {"rate_rad_s_per_rts": 0.0}})
-    assert "[device] amplitude_m" in remedy(row("estimation", "rad"), constant)
-    further = remedy(row("undeclared effects", "rad"), declared)
+    assert "[device] amplitude_m" in remedy(row("estimation", "rad"), constant).text
+    further = remedy(row("undeclared effects", "rad"), declared).text
     assert "[controller] virtual_rotation_rad_s = 6, so" in further  # twice that
     fast = bench({}, controller={"virtual_rotation_rad_s": 20.0})  # 2 Ωv ω A = 10 m/s² of twice that, and 10 there are
-    assert remedy(row("undeclared effects", "rad"), fast).startswith("hil trace")
+    assert remedy(row("undeclared effects", "rad"), fast).text.startswith("hil trace")
     still = bench({}, controller={"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0})
-    assert "[controller] virtual_rotation_rad_s = 2.5 and" in remedy(row("undeclared effects", "rad"), still)
+    assert "[controller] virtual_rotation_rad_s = 2.5 and" in remedy(row("undeclared effects", "rad"), still).text
     free = bench({}, controller={"enabled": False})
-    assert "control law on" in remedy(row("undeclared effects", "rad"), free)
-    assert "hil trace" in remedy(row("what the model lacks", "rad"), declared)
-    assert "[observer.initial_sd] damping" in remedy(row("declared damping", "1/s"), declared)
+    assert "control law on" in remedy(row("undeclared effects", "rad"), free).text
+    assert "hil trace" in remedy(row("what the model lacks", "rad"), declared).text
+    assert "[observer.initial_sd] damping" in remedy(row("declared damping", "1/s"), declared).text
     for source, key in KEYS.items():
         if source not in ("drive gain", "sense gain ratio", "clock"):
-            told = remedy(row(source, "s" if "delay" in source else "1"), declared)
+            told = remedy(row(source, "s" if "delay" in source else "1"), declared).text
             assert told.endswith(f"[device.calibration] {key}")
+
+
+@pytest.mark.parametrize("source", ["drive gain", "clock", "estimation", "undeclared effects"])
+@pytest.mark.parametrize("turned", [{"virtual_rotation_rad_s": 2.0}, {"virtual_rotation_rad_s": 0.0}])
+@pytest.mark.parametrize("back", [0.0, 1.0])
+def test_a_setting_that_is_proposed_is_one_of_a_bench_file(source: str, turned: dict[str, float], back: float) -> None:
+    """Each value of the words is that of the settings, and a bench file takes them."""
+    declared = bench({}, controller=turned | {"virtual_reversal_s": back if turned["virtual_rotation_rad_s"] else 0.0})
+    found = remedy(row(source, "rad" if source in ("estimation", "undeclared effects") else "1"), declared)
+    if found.calibrates:
+        assert (found.calibrates, found.changes) == (KEYS[source], {})
+        return
+    again = override(declared, dict(found.changes), "the proposal")
+    assert again != declared
+    for keys in found.changes.values():
+        for key, value in keys.items():
+            (name, number), *_ = value.items() if isinstance(value, dict) else [(key, value)]
+            assert f"{name} = {number:g}" in found.text or (name in found.text and f"such as {number:g}" in found.text)
 
 
 def test_a_row_says_how_it_comes_about_in_figures() -> None:

@@ -1,0 +1,94 @@
+"""What lowers a row of the angle's uncertainty: a setting of the bench file, or something to be done."""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import NamedTuple
+
+from hil.bench import Bench
+from hil.records.result import Contribution
+from hil.uncertainty import DAMPING, ESTIMATION
+from hil.verdict.budget import LACKING, UNDECLARED
+
+_TURNED = 2e-3
+"""Of the resonance, rad/s: about the virtual rotation of the examples."""
+_SLOWER = 4.0
+"""Times that a declared change of the rate is lowered by."""
+
+
+class Remedy(NamedTuple):
+    """What lowers a row, in words; changes: the settings that it names, as tables of a bench file, empty where it is
+    something to be done; calibrates: the key of [device.calibration] that is to be known better, "" else."""
+
+    text: str
+    changes: Mapping[str, Mapping[str, object]] = MappingProxyType({})
+    calibrates: str = ""
+
+
+def remedy(row: Contribution, bench: Bench) -> Remedy:
+    """The setting, or the act, that lowers a row."""
+    controller = bench.controller
+    if row.source in ("drive gain", "sense gain ratio", "clock") and controller.virtual_rotation_rad_s != 0.0:
+        if controller.virtual_reversal_s == 0.0:
+            period = _rounded(abs(math.pi / controller.virtual_rotation_rad_s))
+            return Remedy(
+                f"set [controller] virtual_reversal_s = {period:g}, so that a gain error cancels, and run again",
+                {"controller": {"virtual_reversal_s": period}},
+            )
+        rate = _rounded(controller.virtual_rotation_rad_s / 2.0)
+        return Remedy(
+            f"set a smaller [controller] virtual_rotation_rad_s, such as {rate:g}, or a shorter virtual_reversal_s, "
+            "and run again",
+            {"controller": {"virtual_rotation_rad_s": rate}},
+        )
+    if row.source == ESTIMATION:
+        return _estimation(bench)
+    if row.source == UNDECLARED:
+        return _excitation(bench)
+    if row.source == LACKING:
+        return Remedy("hil trace the run with --add better.bench.toml, and run with that bench file")
+    if row.source == DAMPING:
+        return Remedy("measure the damping, and say how well with [observer.initial_sd] damping")
+    key = f"{row.source.replace(' ', '_')}_u{'_s' if row.unit == 's' else ''}"
+    return Remedy(f"calibrate it, and declare how well with [device.calibration] {key}", calibrates=key)
+
+
+def _estimation(bench: Bench) -> Remedy:
+    walk = bench.observer.process_noise.rate_rad_s_per_rts
+    if walk == 0.0:
+        return Remedy("vibrate with a larger [device] amplitude_m, as far as the device allows, and run again")
+    slower = _rounded(walk / _SLOWER)
+    return Remedy(
+        f"set [observer.process_noise] rate_rad_s_per_rts = {slower:g} if the rate changes no faster, and run again",
+        {"observer": {"process_noise": {"rate_rad_s_per_rts": slower}}},
+    )
+
+
+def _excitation(bench: Bench) -> Remedy:
+    """What makes a record say more of what nobody declared: a pattern that turns further, as far as the drive can turn
+    it. Dither adds next to nothing to that.
+    """
+    controller, omega = bench.controller, math.sqrt(bench.target_stiffness_per_s2)
+    if not controller.enabled:
+        return Remedy(
+            "run with the control law on ([controller] enabled), so that the record says more of the device",
+            {"controller": {"enabled": True}},
+        )
+    rate = _rounded(2.0 * abs(controller.virtual_rotation_rad_s) or _TURNED * omega)
+    if 2.0 * rate * omega * bench.device.amplitude_m > 0.5 * bench.drive_limit_mps2:
+        return Remedy("hil trace the run: it proposes the experiment that separates what is left")
+    changes: dict[str, object] = {"virtual_rotation_rad_s": rate}
+    reversal = ""
+    if controller.virtual_reversal_s == 0.0:
+        changes["virtual_reversal_s"] = _rounded(math.pi / rate)
+        reversal = f" and virtual_reversal_s = {changes['virtual_reversal_s']:g}"
+    return Remedy(
+        f"set [controller] virtual_rotation_rad_s = {rate:g}{reversal}, so that the record says more of the device, "
+        "and run again",
+        {"controller": changes},
+    )
+
+
+def _rounded(value: float) -> float:
+    """To two digits, as it is told."""
+    return float(f"{value:.2g}")
