@@ -11,6 +11,7 @@ from hil.progress import Progress, Watcher
 from hil.ratio import drive_words
 from hil.records.result import Lacking, Parameter, Scan, Unexcluded
 from hil.records.runfolder import RunFolder
+from hil.records.table import scored_from_s
 
 if TYPE_CHECKING:
     from estimator.completeness import answer
@@ -35,6 +36,7 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
 
     progress(Progress("scan", 0, 0))
     first, last = capture.ends
+    begin_s = float(capture.part(0, 1).t_s[0])
     device, stretches = recorded_device_of(bench, capture), []
     drives = drives_of(capture, device)
     settings = observer_settings_of(bench)
@@ -47,7 +49,7 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
         device,
         settings,
         control_of(bench, capture),
-        scored_s=(bench.loop.settle_s, end_s_of(capture)),
+        scored_s=(scored_from_s(begin_s, bench.loop.settle_s, capture.tick_rate_Hz), end_s_of(capture)),
         limits=Limits(bench.limits.angle_rad, bench.limits.innovation_ratio),
         declared=bench.device.calibration.by_symbol(bench.device.resonance_rad_s),
         progress=lambda stage, done, total: progress(Progress(stage, done, total)),

@@ -56,12 +56,12 @@ def score(run: Path, truth_file: Path) -> Result:
     remarks = require_same_run(folder, truth, truth_file)
     before = folder.result or summarise(folder)
     last_s = folder.estimates.ends[1] / folder.estimates.tick_rate_Hz if len(folder.estimates) else 0.0
-    if last_s < folder.settle_s:
+    if last_s < folder.scored_from_s:
         raise InputError(
-            f"{run}: ended after {last_s:.3g} s, before settle_s = {folder.settle_s:g} s: nothing is scored; "
+            f"{run}: ended after {last_s:.3g} s, before settle_s = {folder.settle_s:g} s of it: nothing is scored; "
             f"see in {folder.report_path} why it ended, and run again"
         )
-    found = compare(folder.estimates, truth, folder.settle_s)
+    found = compare(folder.estimates, truth, folder.scored_from_s)
     interrupted = not folder.estimates.complete or before.verdict == "interrupted"
     remarks += require_reach(truth, truth_file, folder.estimates, partly=interrupted and found is not None)
     if found is None:
@@ -70,7 +70,7 @@ def score(run: Path, truth_file: Path) -> Result:
             f"after settle_s = {folder.settle_s:g} s; give the truth of this run, or a smaller settle_s"
         )
     covariance = folder.covariance
-    honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.settle_s)
+    honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.scored_from_s)
     figures = found.figures().model_copy(update={"nees": honesty})
     if not _reaches(truth, folder.estimates):
         figures = figures.model_copy(update={"angle_error_end_rad": None})
@@ -95,7 +95,7 @@ def score(run: Path, truth_file: Path) -> Result:
 def _scored_board(folder: RunFolder, truth: Truth) -> OnBoard | None:
     """The board's own estimates beside the truth; what it gives no deviation for has no coverage."""
     found, board = on_board(folder), folder.board_estimates
-    if found is None or board is None or (beside := compare(board, truth, folder.settle_s)) is None:
+    if found is None or board is None or (beside := compare(board, truth, folder.scored_from_s)) is None:
         return found
     figures = beside.figures()
     told = {name: share for name, share in figures.coverage.items() if board.sd(name).any()}

@@ -38,7 +38,7 @@ class Loop(Section):
     duration_s: Positive = 30.0
     """length of the run in bench time"""
     settle_s: NotNegative = 5.0
-    """start of the scored window"""
+    """start of the scored window, after the run's first sample"""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] | None = None
     """seed of the dither, in either mode, and of an emulated board's noise; without it the dither has a fixed start and
     the board the scenario's own seed"""

@@ -12,6 +12,7 @@ import numpy as np
 
 from hil.bench import Bench
 from hil.formula import formula_of
+from hil.records.table import scored_from_s
 from hil.uncertainty import Sources
 
 Number = Any  # a float, or an array (n,)
@@ -25,7 +26,8 @@ class ReportedAngle:
         self._limits = bench.limits
         self._energy_held = bench.controller.enabled
         self._sources = Sources(bench)
-        self._zero_s = bench.loop.settle_s
+        self._bench = bench
+        self._zero_s = math.inf  # bench time; known with the first row
         self._scored = False
         self._zero: tuple[float, ...] | None = None  # bench time, then the angles there
 
@@ -47,6 +49,9 @@ class ReportedAngle:
         angles since the run began, the reported one, what was taken off of it for forces, and any more; the deviation
         by estimation, and the constants as estimated there.  Numbers, or arrays (n,) in order.
         """
+        if self._zero is None:
+            first_s = float(t_s[0] if isinstance(t_s, np.ndarray) else t_s)
+            self._zero_s = scored_from_s(first_s, self._bench.loop.settle_s, self._bench.device.sample_rate_Hz)
         if not isinstance(t_s, np.ndarray):
             if self._zero is None or (not self._scored and t_s >= self._zero_s):
                 self._refer(t_s, angles)

@@ -22,7 +22,8 @@ class BoardEstimates:
     def __init__(self, bench: Bench, identity: Identity, track: Track) -> None:
         self._track = track
         self._bounds = _bounds(bench, identity)
-        self._zero_tick = math.ceil(bench.loop.settle_s * identity.tick_rate_Hz)
+        self._settle_ticks = math.ceil(bench.loop.settle_s * identity.tick_rate_Hz)
+        self._zero_tick: int | None = None  # known with the first estimate
         self._zero: float | None = None
         self._scored = False
         self._newest = -1
@@ -46,6 +47,8 @@ class BoardEstimates:
         self._newest = tick
         if self._zero is None:
             self._zero = estimate.angle - self._angle
+        if self._zero_tick is None:
+            self._zero_tick = tick + self._settle_ticks
         if not self._scored and tick >= self._zero_tick:
             self._zero, self._scored = estimate.angle, True
         self._angle = estimate.angle - self._zero

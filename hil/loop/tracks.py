@@ -104,7 +104,7 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
                 "virtual_reversal_s": bench.virtual_reversal_s,
                 "angular_gain": bench.device.calibration.angular_gain,
                 "angle": formula_of(bench).kind,
-                "angle_zero_s": bench.loop.settle_s,
+                "angle_zero_after_s": bench.loop.settle_s,
                 "settings": _plain(asdict(observer.settings)),
             },
         ),

@@ -30,7 +30,7 @@ def bound_of(given: Given, truth: Truth) -> MethodRow:
         device, settings, _states(given, truth), every=every, lost=np.isnan(given.sense)
     )
     tick = given.samples.tick[every - 1 :: every]
-    scored = tick / device.sample_rate >= given.bench.loop.settle_s
+    scored = tick / device.sample_rate >= given.scored_from_s
     names = model_for(2)[1].names
 
     def end(wanted: tuple[str, ...]) -> float:

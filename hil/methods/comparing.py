@@ -101,10 +101,10 @@ def methods_on(
     """
     bench, remarks = subject.bench, list(remarks)
     reference = reference_of(subject.captured, truth)
-    judge = Judge(bench.device.sample_rate_Hz, bench.loop.settle_s, subject.device.target)
-    if subject.seconds <= judge.settle_s:
+    judge = Judge(bench.device.sample_rate_Hz, subject.scored_from_s, subject.device.target)
+    if subject.seconds <= bench.loop.settle_s:
         raise InputError(
-            f"{name}: {subject.seconds:.3g} s are over before settle_s = {judge.settle_s:g} s; "
+            f"{name}: {subject.seconds:.3g} s are over before settle_s = {bench.loop.settle_s:g} s; "
             "give a longer record, or a smaller settle_s"
         )
     rows = _Rows(judge, progress)
@@ -135,7 +135,7 @@ def methods_on(
         record=name,
         bench=bench.device.name,
         seconds=subject.seconds,
-        window_s=(judge.settle_s, float(subject.samples.tick[-1] / judge.rate_Hz)),
+        window_s=(judge.from_s, float(subject.samples.tick[-1] / judge.rate_Hz)),
         reference=None if reference is None else "truth" if truth is not None else "rate channel",
         rows=tuple(rows.done),
         remarks=tuple(remarks),

@@ -75,10 +75,10 @@ def reference_of(captured: Capture, truth: Truth | None) -> Reference | None:
 
 
 class Judge:
-    """Turns courses into rows: rate_Hz of the ticks, settle_s where the scored window begins, the target stiffness."""
+    """Turns courses into rows: rate_Hz of the ticks, from_s where the scored window begins, the target stiffness."""
 
-    def __init__(self, rate_Hz: float, settle_s: float, stiffness_per_s2: float) -> None:
-        self.rate_Hz, self.settle_s, self._k = rate_Hz, settle_s, stiffness_per_s2
+    def __init__(self, rate_Hz: float, from_s: float, stiffness_per_s2: float) -> None:
+        self.rate_Hz, self.from_s, self._k = rate_Hz, from_s, stiffness_per_s2
 
     def error(self, course: Course, reference: Reference) -> tuple[Floats, Floats]:
         """Bench time (rows,) and error of the angle [rad], zero at the start of the scored window."""
@@ -88,9 +88,11 @@ class Judge:
     def row(self, course: Course, reference: Reference | None) -> MethodRow:
         """The figures of a course."""
         seconds = course.tick / self.rate_Hz
-        scored = seconds >= self.settle_s
+        scored = seconds >= self.from_s
         if np.count_nonzero(scored) < 2:
-            raise InputError(f"{course.name}: nothing after settle_s = {self.settle_s:g} s; give a longer record")
+            raise InputError(
+                f"{course.name}: nothing after {self.from_s:.6g} s, where [loop] settle_s is over; give a longer record"
+            )
         row = MethodRow(
             name=course.name,
             kind=course.kind,
@@ -131,7 +133,7 @@ class Judge:
         )
 
     def _from_start(self, tick: npt.NDArray[np.int64], values: Floats) -> Floats:
-        first = int(np.searchsorted(tick / self.rate_Hz, self.settle_s))
+        first = int(np.searchsorted(tick / self.rate_Hz, self.from_s))
         return np.asarray(values - values[min(first, len(values) - 1)])
 
     def _not_finite(self, course: Course) -> float | None:

@@ -11,6 +11,7 @@ from hil.captured import Samples, control_of, drives_of, samples_of
 from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
 from hil.records.capture import Capture, read_capture
+from hil.records.table import scored_from_s
 from hil.replaying import require_fit
 
 
@@ -42,6 +43,12 @@ class Given:
     def sense(self) -> Array:
         """Voltages (n, 2), NaN where a sample was lost."""
         return self.samples.sense
+
+    @property
+    def scored_from_s(self) -> float:
+        """Bench time at which the scored window begins."""
+        rate_Hz = self.device.sample_rate
+        return scored_from_s(float(self.samples.tick[0]) / rate_Hz, self.bench.loop.settle_s, rate_Hz)
 
     @property
     def seconds(self) -> float:

@@ -7,7 +7,7 @@ from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.units import unit_of
 
 _DECLARED = (
-    "target_stiffness_per_s2", "virtual_rotation_rad_s", "virtual_reversal_s", "angular_gain", "angle_zero_s",
+    "target_stiffness_per_s2", "virtual_rotation_rad_s", "virtual_reversal_s", "angular_gain", "angle_zero_after_s",
 )  # fmt: skip
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.records.blocks import read_blocks
 from hil.records.layout import TICK, Column, Layout, block_rows_for
-from hil.records.table import Table
+from hil.records.table import Table, scored_from_s
 from hil.records.units import unit_of
 
 Floats = npt.NDArray[np.float64]
@@ -32,8 +32,8 @@ ANGLE_COLUMNS = (
 estimation; what was taken off of it for forces; φ from the pattern with only the virtual rotation taken off, φ by the
 plain formula (11), ∫Ω̂ dt, energy over its set point, and quadrature normalised by energy.
 
-All angles, and the uncertainty, count from one zero: the first row, and from the start of the scored window (the
-header's `angle_zero_s`) on the row there.
+All angles, and the uncertainty, count from one zero: the first row, and from the start of the scored window (so many
+seconds after the first row as the header's `angle_zero_after_s`) on the row there.
 """
 
 _ZERO = (
@@ -97,7 +97,10 @@ class Estimates(Table):
         """What its angles count from, one line; "" where it has none."""
         if "angle_rad" not in self:
             return ""
-        at = self.header.get("angle_zero_s")
+        after = self.header.get("angle_zero_after_s")
+        if after is not None and len(self):
+            return _ZERO.format(at=scored_from_s(self.ends_s[0], after, self.tick_rate_Hz))
+        at = self.header.get("angle_zero_s")  # of older files, in bench time
         return _TWO_ZEROS if at is None else _ZERO.format(at=at)
 
     @cached_property

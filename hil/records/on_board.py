@@ -14,13 +14,13 @@ def on_board(folder: RunFolder) -> OnBoard | None:
     board, host = folder.board_estimates, folder.estimates
     if board is None or not len(board):
         return None
-    scored = board.t_s >= folder.settle_s
+    scored = board.t_s >= folder.scored_from_s
     valid = float(np.mean(board.valid[scored])) if scored.any() else None
     found = OnBoard(rows=len(board), valid_fraction=valid)
     if host is None:
         return found
     _, ours, theirs = np.intersect1d(host.tick, board.tick, return_indices=True)
-    scored = host.t_s[ours] >= folder.settle_s
+    scored = host.t_s[ours] >= folder.scored_from_s
     ours, theirs = ours[scored], theirs[scored]
     if not ours.size:
         return found

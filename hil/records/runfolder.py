@@ -12,6 +12,7 @@ from hil.records.covariance import Covariance, read_covariance
 from hil.records.estimates import Estimates, read_estimates
 from hil.records.innovation import Innovation, read_innovation
 from hil.records.kind import TRACE, kind_of
+from hil.records.table import scored_from_s
 from hil.records.text_seal import require_unchanged
 from hil.records.timing import Timing, read_timing
 from hil.wire.regular_file import require_regular
@@ -162,9 +163,18 @@ class RunFolder:
 
         return _read_if_there(self.result_path, load_result)
 
+    @cached_property
+    def scored_from_s(self) -> float:
+        """Bench time at which the scored window begins: `settle_s` after the first row that was recorded.  A board's
+        time goes on from one run to the next."""
+        for record in (self.estimates, self.innovation, self.capture):
+            if record is not None and len(record):
+                return scored_from_s(float(record.part(0, 1).t_s[0]), self.settle_s, record.tick_rate_Hz)
+        return self.settle_s
+
     @property
     def settle_s(self) -> float:
-        """Start of the scored window (bench file, `[loop] settle_s`), 0 when not stated."""
+        """What the observer has to settle (bench file, `[loop] settle_s`), 0 when not stated."""
         loop = self.bench.get("loop", {})
         stated = loop.get("settle_s", 0.0) if isinstance(loop, dict) else None
         if not isinstance(stated, int | float) or not abs(stated) <= _LONGEST_S:

@@ -45,7 +45,7 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         folder.timing,
     )
     counted = answers(capture, timing, counters or {})
-    beside = errors(capture, estimates, folder.settle_s)
+    beside = errors(capture, estimates, folder.scored_from_s)
     return Result(
         run=folder.path.resolve().name,
         seconds=_seconds(capture, estimates),
@@ -57,8 +57,8 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         rate_error_rms_rad_s=beside.rate_rms_rad_s,
         parameters={} if estimates is None else parameters(estimates, mass_kg=reporting_mass_kg(folder)),
         sense_unit="V" if innovation is None else innovation.unit,
-        innovation_rms=None if innovation is None else innovation_rms(innovation, folder.settle_s),
-        noise_floor=None if innovation is None else predicted_rms(innovation, folder.settle_s),
+        innovation_rms=None if innovation is None else innovation_rms(innovation, folder.scored_from_s),
+        noise_floor=None if innovation is None else predicted_rms(innovation, folder.scored_from_s),
         turnaround_us=None if timing is None else turnaround(timing),
         ledger_us=None if timing is None else ledger(timing, capture, folder.clock),
         board=on_board(folder),

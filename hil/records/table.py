@@ -11,6 +11,14 @@ import numpy.typing as npt
 from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, rows_of
 
 
+def scored_from_s(first_s: float, settle_s: float, tick_rate_Hz: float) -> float:
+    """Bench time from which a run is judged: `settle_s` after its first row, at bench time `first_s`; a thousandth of a
+    sample before, so that the row there counts whatever its time is rounded to.  A board's time goes on from one run
+    to the next.
+    """
+    return first_s + settle_s - 1e-3 / tick_rate_Hz
+
+
 @dataclass(frozen=True)
 class Table:
     """A record, read. `complete` is False when it was interrupted (its end marker is missing).
@@ -61,6 +69,12 @@ class Table:
     def since(self, t_s: float) -> Self:
         """The part from that bench time on."""
         return self.between(first_tick_since(t_s, self.tick_rate_Hz), LAST_TICK)
+
+    def settled(self, settle_s: float) -> Self:
+        """The part from `settle_s` after the first row on, see `scored_from_s`."""
+        if not len(self):
+            return self
+        return self.since(scored_from_s(float(self.part(0, 1).t_s[0]), settle_s, self.tick_rate_Hz))
 
     @property
     def ends(self) -> tuple[int, int]:

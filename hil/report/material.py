@@ -47,7 +47,7 @@ class Material:
         self.estimates: Estimates | None = _unless_empty(folder.estimates)
         self.innovation: Innovation | None = _unless_empty(folder.innovation)
         self.timing: Timing | None = _unless_empty(folder.timing)
-        self.settle_s = folder.settle_s
+        self.settle_s = folder.scored_from_s
 
     @cached_property
     def result(self) -> Result:

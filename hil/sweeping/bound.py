@@ -64,7 +64,7 @@ def least_deviation(
         every=every,
         virtual_rotation=bench.controller.virtual_rotation_rad_s,
     )
-    scored = tick[bound.index] / estimates.tick_rate_Hz >= folder.settle_s
+    scored = tick[bound.index] / estimates.tick_rate_Hz >= folder.scored_from_s
     if not scored.any():
         return None
     rate, pattern = bound.of("rate")[scored], bound.angle[scored]

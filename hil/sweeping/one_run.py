@@ -172,7 +172,7 @@ def _at_end(run: RunFolder, truth: Truth, bench: Bench) -> Row:
     """Errors at the last instant, and when the rate had converged."""
     estimates = run.estimates
     assert estimates is not None
-    window = scored_window(estimates, truth, run.settle_s)
+    window = scored_window(estimates, truth, run.scored_from_s)
     row: Row = {}
     for name, errors in (
         ("angle_error_end_rad", angle_error_rad(estimates, truth, window)),

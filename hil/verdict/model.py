@@ -15,7 +15,7 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early:
     """
     limits, scan, reasons = bench.limits, result.scan, []
     innovation, settle_s = folder.innovation, bench.loop.settle_s
-    scored = innovation is not None and len(innovation.since(settle_s)) > 0
+    scored = innovation is not None and len(innovation) > 0 and len(innovation.settled(settle_s)) > 0
     if innovation is not None and not scored and not ended_early:
         return Part(
             outcome="failed",

@@ -23,12 +23,12 @@ def bench(**changes: Any) -> Bench:
     return gyro.bench(10.0, loop={"settle_s": SETTLE_S}, **changes)
 
 
-def followed(declared: Bench, parts: int = 1) -> tuple[list[np.ndarray], np.ndarray]:
-    """The rows of ten seconds, told in so many parts."""
+def followed(declared: Bench, parts: int = 1, begin_s: float = 0.0) -> tuple[list[np.ndarray], np.ndarray]:
+    """The rows of ten seconds from bench time `begin_s` on, told in so many parts."""
     reported, told = ReportedAngle(declared), []
     for rows in np.array_split(np.arange(101), parts):
         constants = np.full(len(rows), KXY), tuple(np.full(len(rows), d) for d in (DXX, DYY, DXY))
-        told.append(reported.follow(T[rows], (ANGLE[rows], FORCED[rows]), DEVIATION[rows], *constants))
+        told.append(reported.follow(begin_s + T[rows], (ANGLE[rows], FORCED[rows]), DEVIATION[rows], *constants))
     angles = [np.concatenate([part[0][k] for part in told]) for k in range(2)]
     return angles, np.concatenate([part[1] for part in told])
 
@@ -44,6 +44,17 @@ def test_angle_and_uncertainty_have_one_zero() -> None:
     assert (angle[0], angle[first]) == (0.0, 0.0)
     assert u[first] == pytest.approx(1e-3)  # nothing but the estimation of that very row
     assert np.all(np.diff(u[first:]) > 0.0)
+
+
+@pytest.mark.parametrize("begin_s", [0.025, 3.0, 4321.5])
+@pytest.mark.parametrize("parts", [1, 101])
+def test_a_run_that_begins_late_in_the_board_s_time_settles_first(begin_s: float, parts: int) -> None:
+    """The second run of a board that goes on counting its samples: as the first, row by row."""
+    first, u = followed(bench())
+    later, later_u = followed(bench(), parts, begin_s)
+    for one, other in zip(first, later, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-12)
+    np.testing.assert_allclose(u, later_u, rtol=1e-9)
 
 
 @pytest.mark.parametrize("parts", [2, 7, 101])

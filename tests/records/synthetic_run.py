@@ -90,6 +90,8 @@ class Options:
     interrupted: bool = False
     result: bool = True
     seed: int = 1
+    first_tick: int = 0
+    """Where the board's count of samples stands when the run begins."""
 
 
 def pattern(t, phi, rate, quadrature=0.01):
@@ -130,6 +132,8 @@ def write_run(folder: Path, options: Options = Options()) -> Path:
     )
     write_sealed(folder / "bench.toml", bench)
     layouts, rows = _records(options, rng, tick, t, true)
+    for values in rows.values():
+        values["tick"] += options.first_tick
     recording = record_here(folder, layouts)
     for stem, values in rows.items():
         recording[stem].push(values)
@@ -138,7 +142,7 @@ def write_run(folder: Path, options: Options = Options()) -> Path:
         _write_result(folder)
     truth = folder.parent / f"{folder.name}-truth.arrow"
     codes = {name: rows["capture"][name] for name in rows["capture"].dtype.names if name.endswith("_code")}
-    write_truth(truth, tick, true | codes, options)
+    write_truth(truth, tick + options.first_tick, true | codes, options)
     return truth
 
 
