@@ -240,7 +240,7 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         if sensor.latency_us is not None:
             yield "its latency p50, p99, p99.9", sensor.latency_us.line
     if result.innovation_rms is not None:
-        floor = "" if result.noise_floor is None else f"; noise floor {sensed(result.noise_floor, result.sense_unit)}"
+        floor = "" if result.noise_floor is None else f"; noise floor {sensed(result.noise_floor, result.sense_unit)}, predicted"
         yield "innovation, rms", f"{sensed(result.innovation_rms, result.sense_unit)}{floor}"
     yield from _angle(result)
     if result.angle_error_rms_rad is not None:

@@ -94,7 +94,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         whose = "it" if len(diagnosis.effects) == 1 else "what brings the residual down"
         moved = quantity(diagnosis.angle_moved_rad, "rad")
         console.print()
-        say(f"carrying {whose} moves the angle by {moved} at most")
+        say(f"including {whose} in the model moves the angle by {moved} at most")
     if diagnosis.share is not None and diagnosis.verdict == "partly explained":
         console.print()
         say(f"accounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
@@ -103,16 +103,16 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         say(diagnosis.missing_force.text)
         for line in force_terms(diagnosis.missing_force):
             say(f"  {line}")
-    _say_findings(console, "what is left looks like", diagnosis.left, diagnosis.sense_unit)
-    heading = "what the residual looks like without it" if diagnosis.effects else "what the residual holds"
+    _say_findings(console, "the residual that is left", diagnosis.left, diagnosis.sense_unit)
+    heading = "the residual without it" if diagnosis.effects else "the residual"
     _say_findings(console, heading, diagnosis.findings, diagnosis.sense_unit)
     for pair in diagnosis.confusable:
-        alike = "" if pair.correlation is None else f" (signatures correlate to {pair.correlation:.5f})"
+        alike = "" if pair.correlation is None else f" (correlation of their signatures {pair.correlation:.5f})"
         told = told_apart(pair)
         apart = pair.angle_apart_rad
         hangs = "" if apart is None else f"; the angle moves by {quantity(apart, 'rad')} at most if it is that"
         console.print()
-        say(f"{pair.effect} looks like {pair.with_} on this record{alike}{hangs}; {told}")
+        say(f"this record does not separate {pair.effect} from {pair.with_}{alike}{hangs}; {told}")
     if diagnosis.rejected:
         console.print("\nruled out")
         for one in diagnosis.rejected[:_REJECTED]:
@@ -124,11 +124,11 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
 def told_apart(pair: "Confusable") -> str:
     """What tells two effects apart, in words."""
     if pair.behind is not None:
-        return f"carried in its place, it falls behind by {pair.behind:.3g} in twice the log-likelihood"
+        return f"twice the log-likelihood is lower by {pair.behind:.3g} with it instead"
     if pair.separate_by is None:
-        return "no experiment tells them apart"
+        return "no experiment separates them"
     lasting = "" if pair.takes_s is None else f", for {pair.takes_s:.2g} s at least"
-    return f"to tell them apart: {pair.separate_by}{lasting}"
+    return f"to separate them: {pair.separate_by}{lasting}"
 
 
 def _say_findings(console: "Console", heading: str, findings: "tuple[Finding, ...]", unit: str) -> None:

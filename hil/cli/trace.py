@@ -242,7 +242,7 @@ def _separated(
     from hil.separate import duration_for, last_traced, separable, separate, within_reach
 
     if not separable(done.diagnosis, bench):
-        say("no experiment to make: nothing on this record is alike that a run on the board would tell apart")
+        say("no experiment to make: no run on the board would separate effects that this record does not separate")
         for pair in within_reach(done.diagnosis):
             say(
                 f"  {pair.effect} from {pair.with_} takes {pair.takes_s:.2g} s: {pair.separate_by}; for that, give "

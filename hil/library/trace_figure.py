@@ -38,7 +38,7 @@ def _draw_evidence(ax: "Axes", diagnosis: Diagnosis) -> None:
     """What a model gained that carries it is no promise of a scan: those are hatched."""
     groups: tuple[tuple[str, list[tuple[str, float | None]], dict[str, Any]], ...] = (
         ("named", [(effect.name, effect.evidence) for effect in diagnosis.effects], {"color": "tab:blue"}),
-        ("carried, not named", [(one.name, one.gain) for one in diagnosis.rejected], {"color": "tab:gray"}),
+        ("fitted, not named", [(one.name, one.gain) for one in diagnosis.rejected], {"color": "tab:gray"}),
         (
             "promised by the scan",
             [(one.name, one.evidence) for one in diagnosis.rejected if one.gain is None],

@@ -44,7 +44,7 @@ class Effect(_Model):
     evidence: float | None = Field(description="Twice the gain of log-likelihood on the fitting part")
     undone: str = Field(description="How loop and angle are kept rid of it once it is declared")
     angle_bound_rad: float | None = Field(
-        default=None, description="What cannot be undone: the angle's error left by the 95 % intervals, at most"
+        default=None, description="What compensation leaves: the angle's error by the 95 % intervals, at most"
     )
 
 
@@ -73,11 +73,11 @@ class Confusable(_Model):
     )
     behind: float | None = Field(
         default=None,
-        description="By how much less likely the record is with the other once it is carried, in twice the "
+        description="By how much less likely the record is with the other in its place, in twice the "
         "log-likelihood; null where that does not tell them apart",
     )
     angle_apart_rad: float | None = Field(
-        default=None, description="How far the angle moves, at most, when the other is carried instead"
+        default=None, description="How far the angle moves, at most, with the other instead"
     )
 
 
@@ -93,7 +93,7 @@ class Rejected(_Model):
         default=None, description="What a scan of the first residual promised of it by itself, in units as in effects"
     )
     gain: float | None = Field(
-        default=None, description="What it gained where it was last carried, as in effects; null where it never was"
+        default=None, description="Its gain where it was last fitted, as in effects; null where it never was"
     )
 
 

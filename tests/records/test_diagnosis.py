@@ -299,7 +299,7 @@ def test_a_terminal_says_what_a_part_acts_like_and_what_is_left(capsys: pytest.C
     out = capsys.readouterr().out
     for words in (
         "partly explained", "acts like: Cubic stiffness of each axis", "accounts for 93.6% of the power",
-        "what is left looks like\n", "a line at 311 Hz", "what the residual looks like without it\n",
+        "the residual that is left\n", "a line at 311 Hz", "the residual without it\n",
     ):  # fmt: skip
         assert words in out, words
     print_diagnosis(to_model(answer(), record="ride", bench="S-test"))

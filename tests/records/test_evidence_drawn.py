@@ -68,7 +68,7 @@ def test_what_was_only_promised_is_hatched_and_told_apart_in_legend_caption_and_
     (axes,) = found.figure.axes
     shown = axes.get_legend()
     assert shown is not None
-    assert [text.get_text() for text in shown.get_texts()] == ["named", "carried, not named", "promised by the scan"]
+    assert [text.get_text() for text in shown.get_texts()] == ["named", "fitted, not named", "not fitted"]
     for text in (found.caption, found.alt):
         assert "promise" in text
         assert "carried" in text

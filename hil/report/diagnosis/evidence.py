@@ -15,16 +15,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 _MOST = 14
-_NAMED, _CARRIED, _PROMISED = "named", "carried, not named", "promised by the scan"
+_NAMED, _FITTED, _UNFITTED = "named", "fitted, not named", "not fitted"
 _LOOKS: dict[str, dict[str, Any]] = {
     _NAMED: {"facecolor": FIRST, "alpha": 0.8},
-    _CARRIED: {"facecolor": MUTED, "alpha": 0.8},
-    _PROMISED: {"facecolor": "none", "edgecolor": MUTED, "hatch": "/////", "linewidth": 0.8},
+    _FITTED: {"facecolor": MUTED, "alpha": 0.8},
+    _UNFITTED: {"facecolor": "none", "edgecolor": MUTED, "hatch": "/////", "linewidth": 0.8},
 }
 _SAYS = {
-    _NAMED: "Blue: what is named, with what the observer gains that carries it",
-    _CARRIED: "Grey: what was carried and is not named, with what it gained where it was last tried",
-    _PROMISED: "Hatched: what was never carried, with what a linear scan of the first residual promises of it",
+    _NAMED: "Blue: the named effect, with the gain in log-likelihood of the observer that includes it",
+    _FITTED: "Grey: fitted candidates that are not named, with their gain when they were last fitted",
+    _UNFITTED: "Hatched: candidates that were not fitted, with the gain that a score test of the first residual predicts",
 }
 
 
@@ -35,7 +35,7 @@ class _Bar(NamedTuple):
 
 
 def draw(material: Material) -> Drawing | None:
-    """Horizontal bars of the gain in log-likelihood, in groups: a gain of a model is no promise of a scan."""
+    """Horizontal bars of the gain in log-likelihood, in groups: the gain of a fitted model is no predicted gain."""
     bars = _bars(material.found)[:_MOST]
     if len(bars) < 2:
         return None
@@ -44,9 +44,9 @@ def draw(material: Material) -> Drawing | None:
     _draw(ax, bars)
     groups = [group for group in _LOOKS if any(bar.group == group for bar in bars)]
     caption = ". ".join(_SAYS[group] for group in groups) + "."
-    if _PROMISED in groups and len(groups) > 1:
-        caption += " Lengths compare among what was carried and among what is promised, not across."
-    caption += " Effects that look alike on this record explain alike, and chance gives a few units."
+    if _UNFITTED in groups and len(groups) > 1:
+        caption += " Compare lengths among fitted candidates, and among those that were not fitted, not across."
+    caption += " Effects of one ambiguity group have nearly the same gain, and chance gives a few units."
     listed = "; ".join(
         f"{group}: " + ", ".join(f"{bar.name} {significant(bar.size)}" for bar in bars if bar.group == group)
         for group in groups
@@ -57,9 +57,9 @@ def draw(material: Material) -> Drawing | None:
 def _bars(found: traced.Diagnosis) -> list[_Bar]:
     """By group, in each the largest first; named ones as they were taken."""
     named = [_Bar(effect.name, effect.evidence, _NAMED) for effect in found.effects]
-    carried = [_Bar(one.name, one.gain, _CARRIED) for one in found.rejected if one.gain is not None]
+    carried = [_Bar(one.name, one.gain, _FITTED) for one in found.rejected if one.gain is not None]
     promised = [
-        _Bar(one.name, one.evidence, _PROMISED)
+        _Bar(one.name, one.evidence, _UNFITTED)
         for one in found.rejected
         if one.gain is None and one.evidence is not None
     ]

@@ -160,7 +160,7 @@ def page_of(
         markup.section(
             "residual", _held(diagnosis), tables.findings(diagnosis.findings, diagnosis.sense_unit), pictures.residual
         ),
-        markup.section("alike", "What this record cannot tell apart", tables.confusable(diagnosis)),
+        markup.section("alike", "What this record does not separate", tables.confusable(diagnosis)),
         markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
         markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
     ]
@@ -228,7 +228,7 @@ def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
         key = f" <code>[effects.{escape(effect.name)}]</code>" if declarable else ""
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
-        remedy = _sentence(("Once declared: " if declarable else "Undone: ") + effect.undone + rest)
+        remedy = _sentence(("Once declared: " if declarable else "Compensation: ") + effect.undone + rest)
         parts.append(
             f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation" tabindex="0">{lines}</div>'
             f"{markup.paragraph(remedy)}"
@@ -257,7 +257,7 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
         if was is not None and now is not None and changed:
             entries.append((what, sensed(now, unit), f"rms; before {sensed(was, unit)}"))
     if diagnosis.angle_moved_rad is not None:
-        by = "what was found" if changed else "what was carried and is not named"
+        by = "what was found" if changed else "the fitted candidate that is not named"
         entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), f"at most, by {by}"))
     return entries
 

@@ -140,16 +140,16 @@ def confusable(diagnosis: Diagnosis) -> str:
         for pair in diagnosis.confusable
     ]
     caption = (
-        "Effects whose signatures look the same on this record; correlation here, and in the experiment; how long that "
-        "has to last; how far the angle moves, at most, if it is the other"
+        "Effects that this record does not separate; correlation of their signatures here, and in the experiment; how "
+        "long that has to last; how far the angle moves, at most, if it is the other"
     )
-    head = ("effect", "looks like", "here", "what tells them apart", "there", "lasting", "angle")
+    head = ("effect", "not separated from", "here", "what separates them", "there", "lasting", "angle")
     return table(caption, head, rows, (2, 4, 5, 6)) if rows else ""
 
 
 def _tells_apart(pair: Confusable) -> str:
     if pair.behind is not None:
-        return f"this record: it falls behind by {pair.behind:.3g} in twice the log-likelihood once it is carried"
+        return f"this record: twice the log-likelihood is lower by {pair.behind:.3g} with it instead"
     return pair.separate_by or "nothing known"
 
 
@@ -160,8 +160,8 @@ def rejected(diagnosis: Diagnosis) -> str:
         for one in diagnosis.rejected
     ]
     head = ("candidate", "why not", "its coefficients, 95 %")
-    left = ", and what is left for each once what was taken is carried" if diagnosis.effects else ""
-    return table(f"Looked at and not taken{left}", head, rows) if rows else ""
+    left = ", and what is left for each with the named effect in the model" if diagnosis.effects else ""
+    return table(f"Tested and not named{left}", head, rows) if rows else ""
 
 
 def probable(one: Probabilities) -> str:

@@ -88,7 +88,7 @@ def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: Co
     legend(ax)
     caption = (
         f"Above, the rate; below, the difference from {reference.name}: {quantity(float(held.rms[_ERROR]), 'rad/s')} "
-        f"rms, {percent(float(held.mean[_INSIDE]))} of it inside the band the observer claims (95 % expected)."
+        f"rms, {percent(float(held.mean[_INSIDE]))} of it inside the 95 % band of the observer."
     )
     beyond = f" The largest, {quantity(largest, 'rad/s')}, runs out of the panel."
     return caption + beyond if largest > reach else caption
