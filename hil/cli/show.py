@@ -240,8 +240,9 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         if sensor.latency_us is not None:
             yield "its latency p50, p99, p99.9", sensor.latency_us.line
     if result.innovation_rms is not None:
-        floor = "" if result.noise_floor is None else f"; noise floor {sensed(result.noise_floor, result.sense_unit)}, predicted"
-        yield "innovation, rms", f"{sensed(result.innovation_rms, result.sense_unit)}{floor}"
+        unit, floor = result.sense_unit, result.noise_floor
+        told = "" if floor is None else f"; noise floor {sensed(floor, unit)}, predicted"
+        yield "innovation, rms", f"{sensed(result.innovation_rms, unit)}{told}"
     yield from _angle(result)
     if result.angle_error_rms_rad is not None:
         yield "angle error, rms", in_both(result.angle_error_rms_rad, "rad")

@@ -146,7 +146,7 @@ def numbers(
         what = "nan" if np.isnan(made[bad[0]]) else f"{made[bad[0]]}"
         raise InputError(
             f"{source.place(int(rows[bad[0]]), column)}: {what} is no measurement; leave the row out, "
-            f'or set missing = ["{what}"] in a map, given as --map'
+            f'or set missing = ["{what}"] in a map given as --map'
         )
     made[lost] = np.nan
     return made

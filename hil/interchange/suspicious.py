@@ -30,7 +30,7 @@ def require_measured(
     found = first_code(values)
     if found is None:
         return
-    where = "" if is_mapped else " in a map, given as --map"
+    where = "" if is_mapped else " in a map given as --map"
     remedy = f"set missing = [{found.code!r}]{where}" if listed is None else f"add {found.code!r} to missing"
     raise InputError(
         f"{source.place(int(rows[found.row]), part.called)}: {found.code:.12g} stands for no measurement where "

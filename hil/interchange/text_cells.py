@@ -113,7 +113,7 @@ def with_e(number: str) -> str:
 
 def remedy_for(cell: str, *, mapped: bool) -> str:
     """What may be done about a cell that is no number: groups of thousands, or words for no measurement, have a key."""
-    text, where = cell.strip(), "" if mapped else " in a map, given as --map"
+    text, where = cell.strip(), "" if mapped else " in a map given as --map"
     for mark in THOUSANDS:
         if _grouped(mark, "," if mark == "." else ".").fullmatch(text):
             return f'set thousands = "{mark}" of this column{where}, or mend the row'

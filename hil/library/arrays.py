@@ -17,7 +17,7 @@ CALLED = "the arrays given"
 _REMEDIES = Remedies(
     uneven="give nonuniform=True if the record is meant so",
     gaps="give nonuniform=True to keep them as gaps",
-    rate="beside t_s in a map, given as mapping=",
+    rate="beside t_s in a map given as mapping=",
     sort="sort the rows",
     column="t_s",
     apart="give what lies before and behind by itself",

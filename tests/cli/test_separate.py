@@ -227,7 +227,7 @@ def test_what_tells_a_pair_apart_is_said(capsys: pytest.CaptureFixture[str]) -> 
     )
     print_diagnosis(explained(confusable=pairs))
     out = " ".join(capsys.readouterr().out.split())
-    assert "to tell them apart: modulate the amplitude, for 31 s at least" in out
+    assert "to separate them: modulate the amplitude, for 31 s at least" in out
     assert out.count("no experiment tells them apart") == 1
     assert "carried in its place, it falls behind by 42 in twice the log-likelihood" in out
 

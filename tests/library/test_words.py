@@ -139,7 +139,7 @@ def test_arrays_with_a_mark_for_no_measurement_are_told_the_argument_that_masks_
     values = np.where(np.arange(400) == 7, 9.9e37, np.sin(400.0 * time))
     arrays = {"t_s": time, "vx_V": values, "vy_V": np.cos(400.0 * time)}
     for verb in (hil.replay, hil.trace):
-        with pytest.raises(InputError, match=r"in a map, given as mapping= to have its rows as lost"):
+        with pytest.raises(InputError, match=r"in a map given as mapping= to have its rows as lost"):
             verb(arrays, "s-slow", out=tmp_path)
 
 

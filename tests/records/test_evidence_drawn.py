@@ -70,8 +70,8 @@ def test_what_was_only_promised_is_hatched_and_told_apart_in_legend_caption_and_
     assert shown is not None
     assert [text.get_text() for text in shown.get_texts()] == ["named", "fitted, not named", "not fitted"]
     for text in (found.caption, found.alt):
-        assert "promise" in text
-        assert "carried" in text
+        assert "not fitted" in text
+        assert "fitted, not named" in text or "Grey: fitted" in text
     assert "not across" in found.caption
 
 

@@ -24,7 +24,7 @@ _LOOKS: dict[str, dict[str, Any]] = {
 _SAYS = {
     _NAMED: "Blue: the named effect, with the gain in log-likelihood of the observer that includes it",
     _FITTED: "Grey: fitted candidates that are not named, with their gain when they were last fitted",
-    _UNFITTED: "Hatched: candidates that were not fitted, with the gain that a score test of the first residual predicts",
+    _UNFITTED: "Hatched: candidates that were not fitted, with the gain that a score test of the residual predicts",
 }
 
 
