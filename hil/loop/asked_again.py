@@ -19,6 +19,7 @@ from hil.wire.spec import SPEC
 
 _ASKED = 8  # times within the patience: lines lose frames
 _PATIENCE_S = 2.0  # at least, as for any register: SAFE is confirmed, and a machine may stand still meanwhile
+_LONGEST_S = 10.0  # for a board that has refused the drive: it is SAFE, and what it runs on may be busy for long
 _STREAMING = (State.ARMED, State.RUNNING)
 
 
@@ -29,10 +30,12 @@ class Asked:
     Attributes:
         drives: why the board is not SAFE although it says so, "" if it is.
         odd: what it says or holds that no board does which keeps to the page, one clause each.
+        refused: whether it refused a drive, as a board in SAFE does.
     """
 
     drives: str = ""
     odd: list[str] = field(default_factory=list)
+    refused: bool = False
 
 
 def zero_drive(drive: type[Message], tick: int) -> Message:
@@ -51,7 +54,7 @@ def ask_again(endpoint: Endpoint, probe: Message, registers: Mapping[str, float]
     try:
         _offer(endpoint, probe, patience_s, asked)
         if not asked.drives:
-            _read(endpoint, registers, max(patience_s, _PATIENCE_S), asked)
+            _read(endpoint, registers, max(patience_s, _LONGEST_S if asked.refused else _PATIENCE_S), asked)
     except WireError as error:  # what the board said before stands
         asked.odd.append(f"it could not be asked once more: {error}")
     return asked
@@ -74,7 +77,8 @@ def _offer(endpoint: Endpoint, probe: Message, patience_s: float, asked: Asked) 
             items = endpoint.poll(max(again - time.monotonic(), 0.0))
             for message in (item.message for item in items):
                 if isinstance(message, Nack) and message.of_type == type_of(probe) and message.of_seq in sent:
-                    if message.reason != NackReason.BAD_STATE:
+                    asked.refused = message.reason == NackReason.BAD_STATE
+                    if not asked.refused:
                         asked.odd.append(
                             f"it refuses a drive in SAFE by {client.nack_name(message.reason)}, not BAD_STATE"
                         )
