@@ -10,7 +10,7 @@ from pathlib import Path
 from hil.bench import Bench, override
 from hil.emulation import served
 from hil.errors import InputError
-from hil.loop.supervision import supervise
+from hil.loop.supervision import supervise, worker_process
 from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
 from hil.records.lateness import Lateness, lateness_of
@@ -42,7 +42,8 @@ def rehearse(bench: Bench, link: str, progress: Watcher) -> tuple[Lateness, int]
 
     with tempfile.TemporaryDirectory() as aside, served(link, seed=bench.loop.seed, progress=progress) as board:
         order = Order(short.model_dump_json(), board.url, aside)
-        outcome = supervise(order, short, told, board).outcome
+        with worker_process() as worker:
+            outcome = supervise(worker, order, short, told, board).outcome
         run = RunFolder(Path(aside))
         try:
             counted = answers(run.capture, run.timing, outcome.get("counters", {}))

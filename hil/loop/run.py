@@ -5,10 +5,11 @@ import signal
 import socket
 import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ from hil.bench.template import template, values_of
 from hil.emulation import Served, served
 from hil.errors import InputError, told_to_user
 from hil.loop.stops import alarm_of
-from hil.loop.supervision import as_raised, supervise
+from hil.loop.supervision import as_raised, supervise, worker_process
 from hil.loop.worker import Order
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, write_sealed
@@ -34,6 +35,8 @@ from hil.verdict.safety import judge_safety
 if TYPE_CHECKING:
     from hil.wire.wire_log import WireLog
 
+_SCAN = ("hil.closing_scan", "estimator.completeness.closing", "hil.records.summary", "hil.verdict.budget")
+_REPORT = ("hil.report", "matplotlib.figure", "matplotlib.backends.backend_svg")
 _VERSIONS = ("gyrohil", "numpy", "scipy", "pyarrow")
 
 
@@ -81,7 +84,9 @@ def run(
         bench = bench.model_copy(update={"controller": controller})
     said = "nothing was armed"
     try:
+        number = None if control is None else control.fileno()
         with (
+            worker_process(control) as worker,
             _served(board, link, truth, bench, progress) as board,
             _logged(log, board.url) as logged,
             ExitStack() as held,
@@ -95,10 +100,13 @@ def run(
                 str(folder),
                 dry_run,
                 None if truth is None else str(truth),
+                number,
             )
             try:
                 started = None if begun is None else partial(begun, folder)
-                ended = supervise(order, bench, progress, board, started, control)
+                if bench.loop.clock == "lockstep":  # else a board waits in real time for what this would keep busy
+                    _load_beside(_SCAN + (_REPORT if report else ()))
+                ended = supervise(worker, order, bench, progress, board, started)
                 outcome, safety = ended.outcome, ended.safety
                 if outcome.get("stopped") and (words := board.last_words):
                     outcome["stopped"] = f"the emulated board died: {words}"
@@ -251,6 +259,7 @@ def _conclude(
     report: bool,
     progress: Watcher,
 ) -> None:
+    _load_beside(_REPORT if report else ())
     from hil.closing_scan import scan_run, to_model
     from hil.records.result import Load
     from hil.records.summary import board_clock, summarise
@@ -284,6 +293,17 @@ def _conclude(
     save_result(run_folder.result_path, result)
     if report:
         write_report(folder)
+
+
+def _load_beside(modules: Iterable[str]) -> None:
+    """Load what is needed at the end while this process waits, or the core works; whoever imports it waits for it."""
+
+    def load() -> None:
+        with suppress(Exception):  # it is raised where the module is needed
+            for module in modules:
+                import_module(module)
+
+    threading.Thread(target=load, name="imports").start()
 
 
 def _keep_if_recorded(folder: Path, *, whatever: bool = False) -> bool:

@@ -15,7 +15,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
@@ -59,36 +59,48 @@ class Ended:
         return safety
 
 
-def supervise(
-    order: Order,
-    bench: Bench,
-    progress: Watcher,
-    board: "Served",
-    begun: Begun | None = None,
-    control: socket.socket | None = None,
-) -> Ended:
-    """Start the loop's process against `board` and follow it to its end.
+@contextmanager
+def worker_process(control: socket.socket | None = None) -> Iterator["subprocess.Popen[bytes]"]:
+    """The loop's process, which gets ready for its order: that takes as long as the board behind the link does.
 
-    `begun` is told what has it end well, as Ctrl-C does, once it has started. Raises InputError or WireError with what
-    it says when it could not begin, and what `progress` raises, after the process has ended.
+    `control`, which is closed here, is the loop's end of a line to whoever looks (`hil.loop.control`).  At the end of
+    the block one without an order is no more.
     """
     pipe = subprocess.PIPE
     # A session of its own: Ctrl-C at the terminal comes here, and the worker is told in its own way.
-    inherited = () if control is None else (control.fileno(),)
     worker = subprocess.Popen(
         [sys.executable, "-m", "hil.loop.worker"],
         stdin=pipe,
         stdout=pipe,
         start_new_session=True,
-        pass_fds=inherited,
+        pass_fds=() if control is None else (control.fileno(),),
     )
     if control is not None:
-        order = replace(order, control=control.fileno())
         control.close()
+    with worker:
+        try:
+            yield worker
+        finally:
+            worker.kill()
+
+
+def supervise(
+    worker: "subprocess.Popen[bytes]",
+    order: Order,
+    bench: Bench,
+    progress: Watcher,
+    board: "Served",
+    begun: Begun | None = None,
+) -> Ended:
+    """Give the loop's process its order, against `board`, and follow it to its end.
+
+    `begun` is told what has it end well, as Ctrl-C does, once it has started. Raises InputError or WireError with what
+    it says when it could not begin, and what `progress` raises, after the process has ended.
+    """
     assert worker.stdin is not None
     followed = _Followed(worker, progress, lambda unique_id: _confirm(order.link, bench, board, unique_id))
     in_time = nullcontext() if bench.loop.clock == "lockstep" else line_workers.ahead(order.link)
-    with in_time, worker, _ctrl_c(followed.interrupt):
+    with in_time, _ctrl_c(followed.interrupt):
         with suppress(BrokenPipeError):  # it died before it read its order
             worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
             worker.stdin.flush()
@@ -101,6 +113,7 @@ def supervise(
             followed.watched_by(lambda _: None)
             followed.to_the_end()
             raise
+        worker.wait()
     if followed.error is not None:
         raise as_raised(*followed.error)
     ended = Ended(followed.outcome, followed.interrupted > 0)

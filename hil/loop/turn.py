@@ -120,7 +120,6 @@ class Turn:
         self._receiver = ReceiverState(expected=NONE)
         self._rows = np.zeros(4 * MOST_ROWS, ROW)
         self._said = np.zeros(SAID_ROOM, np.uint8)
-        self._sizes = payload_sizes()
         self._seen = np.zeros(SEEN + MOST_ROWS, ROW)
         self._leftover = b""  # bytes that a link gave and that found no room
         self._kind = kind_of(endpoint.link)
@@ -182,7 +181,8 @@ class Turn:
         batch = state.batch
         batch.rows, batch.row_room = self._rows.ctypes.data, len(self._rows)
         batch.said, batch.said_room = self._said.ctypes.data, len(self._said)
-        batch.sizes = ctypes.addressof(self._sizes)
+        sizes = payload_sizes()
+        batch.sizes = ctypes.addressof(sizes)
         state.seen, state.estimates = self._seen.ctypes.data, self._kept.ctypes.data
         state.estimate_room, state.estimate_count = len(self._kept), 0
         state.covariances, state.covariance_room, state.covariance_count = (
@@ -211,7 +211,7 @@ class Turn:
             setattr(state if name == "room" else link, name, address_of(call))
         if self._kind is Kind.DATAGRAM:
             self._address()
-        self._bound = [arrays, actual, types, *calls.values()]
+        self._bound = [arrays, actual, sizes, types, *calls.values()]
 
     def _address(self) -> None:
         (board, board_port), (group, group_port) = self._endpoint.link.plain  # type: ignore[attr-defined]

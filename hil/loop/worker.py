@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable, Mapping
 from contextlib import closing, suppress
 from dataclasses import asdict, dataclass
+from importlib import import_module
 from pathlib import Path
 from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
@@ -43,6 +44,7 @@ INTERRUPTED = 130
 REPORTS = 200  # progress lines over a run in lockstep; else they come as the board is asked for its time
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 _COVARIANCE_ROWS = {"covariance": 1 << 10}  # which are long, and few
+_NEEDED = ("hil.loop.preflight", "hil.loop.clock", "hil.loop.force", "hil.loop.gain")  # by whatever it is told to do
 _NOTHING_WRITTEN: Mapping[str, float] = {}
 
 
@@ -398,8 +400,10 @@ def _kinds(error: BaseException) -> list[str]:
 
 
 def main() -> int:
-    """Read the order, carry it out, report."""
+    """Get ready, read the order, carry it out, report."""
     realtime.end_with_parent()
+    for module in _NEEDED:
+        import_module(module)
     order = Order.read()
     if order is None:  # an early Ctrl-C: nobody is left to be told
         return INTERRUPTED
