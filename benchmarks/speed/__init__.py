@@ -1,7 +1,8 @@
 """Speed of a step, each figure a ratio against a peer in the same run, with its spread.
 
 The product's observer (`Observer.run` in blocks of 250, and a sample at a time; `Observer.tick` as the loop calls it)
-beside filterpy's extended Kalman filter with the model in NumPy, and the NumPy oracle.  All peers run the same samples
+beside the same step written by hand in plain C, filterpy's extended Kalman filter with the model in NumPy, and the
+NumPy oracle.  All peers run the same samples
 in turn, round after round; a figure is the median over the rounds, a ratio the median of the rounds' ratios, and its
 spread their quartiles.  Times are the processor's, of this thread.
 """
@@ -17,7 +18,8 @@ import numpy as np
 
 from benchmarks.row import Row, Say
 from benchmarks.speed.cases import CASES, Case
-from benchmarks.speed.peers import Oracle, filterpy_with_numpy
+from benchmarks.speed.peers import HandWritten, Oracle, filterpy_with_numpy
+from estimator.core.compiler import command
 
 ROUNDS = 11
 FAST, SLOW = 5000, 40
@@ -60,10 +62,13 @@ def measured(say: Say) -> list[Row]:
 def _measured(case: Case) -> Iterator[Row]:
     ours = case.runner(BLOCK)
     peers: dict[str, Callable[[int], float]] = {}
+    slow = {}
+    if not case.effects and command():
+        peers["C step"] = HandWritten(case).seconds
     if case.against_slow:
-        peers["filterpy with NumPy"] = filterpy_with_numpy(case)
-        peers["NumPy"] = Oracle(case).seconds
-    times: dict[str, list[float]] = {name: [] for name in ("block", "single", "tick", *peers)}
+        slow["filterpy with NumPy"] = filterpy_with_numpy(case)
+        slow["NumPy"] = Oracle(case).seconds
+    times: dict[str, list[float]] = {name: [] for name in ("block", "single", "tick", *peers, *slow)}
     single, tick = case.runner(1), case.ticker()
     for round_ in range(ROUNDS + 1):
         found = {
@@ -71,15 +76,16 @@ def _measured(case: Case) -> Iterator[Row]:
             "single": single(FAST // 10) / (FAST // 10),
             "tick": tick(FAST // 5) / (FAST // 5),
         }
-        found |= {name: seconds(SLOW) / SLOW for name, seconds in peers.items()}
+        found |= {name: seconds(FAST) / FAST for name, seconds in peers.items()}
+        found |= {name: seconds(SLOW) / SLOW for name, seconds in slow.items()}
         if round_:  # the first warms up
             for name, value in found.items():
                 times[name].append(value)
-    yield from _rows(f"{case.name}, block of {BLOCK}", times["block"], {name: times[name] for name in peers})
+    yield from _rows(f"{case.name}, block of {BLOCK}", times["block"], {name: times[name] for name in (*peers, *slow)})
     per_sample = {"block": times["block"]}
     yield from _rows(f"{case.name}, single sample", times["single"], per_sample)
     yield from _rows(f"{case.name}, sample of a closed loop", times["tick"], per_sample)
-    for name in peers:
+    for name in (*peers, *slow):
         yield Row(f"{case.name}, {name}", 1e6 * statistics.median(times[name]), "µs")
 
 
