@@ -13,7 +13,7 @@ static void note_forced_rotation(const Settings *settings, Memory *memory, const
 {
     if (memory->started == 1) {
         Pattern now = pattern(x, settings->stiffness, memory->rotation, memory->rate);
-        memory->forced += unwrap_half_turns(now.twice, memory->theta) - memory->theta + memory->rate * h;
+        memory->forced += unwrap_half_turns(now.twice, memory->theta) - memory->theta + (double)(memory->rate * h);
     }
 }
 
@@ -25,26 +25,26 @@ static void note_forced_rotation(const Settings *settings, Memory *memory, const
 static void read_angle(const Settings *settings, Memory *memory, const real *x, real h, Output *row)
 {
     real rate = x[settings->states + RATE];
-    memory->rate_integral += rate * h;
-    memory->virtual_integral += memory->virtual_applied * h;
+    memory->rate_integral += (double)(rate * h);
+    memory->virtual_integral += (double)(memory->virtual_applied * h);
     real w = rate + memory->virtual_applied;
     Pattern now = pattern(x, settings->stiffness, w, rate);
     real plain = pattern(x, settings->stiffness, R(0.0), R(0.0)).twice;
     if (memory->started == 0) {
         memory->started = 1;
-        memory->theta = R(0.5) * now.twice;
+        memory->theta = (double)(R(0.5) * now.twice);
         memory->theta_zero = memory->theta;
         memory->theta_plain = unwrap_half_turns(plain, memory->theta);
         memory->theta_plain_zero = memory->theta_plain;
-        memory->virtual_integral = R(0.0);
-        memory->rate_integral = R(0.0);
+        memory->virtual_integral = 0.0;
+        memory->rate_integral = 0.0;
     } else {
         memory->theta = unwrap_half_turns(now.twice, memory->theta);
         memory->theta_plain = unwrap_half_turns(plain, memory->theta_plain);
     }
     memory->rotation = w;
     memory->rate = rate;
-    real turns = R(1.0) / settings->angular_gain;
+    double turns = 1.0 / (double)settings->angular_gain;
     row->angle = turns * (memory->theta_zero - memory->theta + memory->forced);
     if (settings->open_loop == 1)
         row->angle = turns * memory->rate_integral;

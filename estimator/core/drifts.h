@@ -26,14 +26,25 @@ static const real KICKS[IMPULSES] = {
 static const real NODES[4] = {R(1.0), R(0.11270166537925831), R(0.5), R(0.88729833462074169)};
 static const real WEIGHTS[3] = {R(5.0) / R(18.0), R(8.0) / R(18.0), R(5.0) / R(18.0)};
 
+/* The matrix of a drift, and what it makes of a number p that it takes to `moved`.  In 32 bits it is kept without the ones
+   on its diagonal, as what it adds: ones round off what is small beside them, alike at each sample, and that turns the
+   pattern. */
+#ifdef CORE_FLOAT32
+#define DIAGONAL R(0.0)
+#define DRIFTED(p, moved) ((p) + (moved))
+#else
+#define DIAGONAL R(1.0)
+#define DRIFTED(p, moved) (moved)
+#endif
+
 /* The drift of a stage, by its length. */
 static inline whole length_of(whole stage)
 {
     return stage < LENGTHS ? stage : STAGES - 1 - stage;
 }
 
-/* out (LENGTHS, OF_A_LENGTH) <- how two axes move over each length of a drift, in parts of h: the columns of exp(M t) and
-   what the drive u (2,) adds; then both for Gauss's points within it.  powers is scratch, for orders up to `order`. */
+/* out (LENGTHS, OF_A_LENGTH) <- how two axes move over each length of a drift, in parts of h: the columns of exp(M t), its
+   diagonal as above, and what the drive u (2,) adds; then both for Gauss's points within it, exp(M t) whole.  powers is scratch, for orders up to `order`. */
 static inline void drift_matrices(const real *c, const real *u, real h, whole order, real *powers, real *out)
 {
     order = taylor_terms(LONGEST, DRIFTS[2] * h, order); /* of the longest */
@@ -41,8 +52,10 @@ static inline void drift_matrices(const real *c, const real *u, real h, whole or
     for (whole which = 0; which < LENGTHS; which++) {
         for (whole node = 0; node < 4; node++) {
             real length = DRIFTS[which] * NODES[node], share = R(1.0), t = length * h;
-            four f0 = take4(powers), f1 = take4(powers + 4), f2 = take4(powers + 8), f3 = take4(powers + 12);
-            four driven = add4(scale4(t * u[0], f1), scale4(t * u[1], f3));
+            real ones = node == 0 ? DIAGONAL : R(1.0);
+            four f0 = scale4(ones, take4(powers)), f1 = scale4(ones, take4(powers + 4)),
+                 f2 = scale4(ones, take4(powers + 8)), f3 = scale4(ones, take4(powers + 12));
+            four driven = add4(scale4(t * u[0], take4(powers + 4)), scale4(t * u[1], take4(powers + 12)));
             whole last = taylor_terms(node == 0 ? LONGEST : LONGEST_WITHIN, t, order);
             for (whole n = 1; n <= last; n++) {
                 const real *power = powers + 16 * n;
@@ -74,10 +87,10 @@ static inline void drift(const real *m, whole columns, real *out)
     const real m2 = m[8], m6 = m[9], m10 = m[10], m14 = m[11], m3 = m[12], m7 = m[13], m11 = m[14], m15 = m[15];
     for (whole j = 0; j < columns; j++) {
         real p0 = o0[j], p1 = o1[j], p2 = o2[j], p3 = o3[j];
-        o0[j] = m0 * p0 + m1 * p1 + m2 * p2 + m3 * p3;
-        o1[j] = m4 * p0 + m5 * p1 + m6 * p2 + m7 * p3;
-        o2[j] = m8 * p0 + m9 * p1 + m10 * p2 + m11 * p3;
-        o3[j] = m12 * p0 + m13 * p1 + m14 * p2 + m15 * p3;
+        o0[j] = DRIFTED(p0, m0 * p0 + m1 * p1 + m2 * p2 + m3 * p3);
+        o1[j] = DRIFTED(p1, m4 * p0 + m5 * p1 + m6 * p2 + m7 * p3);
+        o2[j] = DRIFTED(p2, m8 * p0 + m9 * p1 + m10 * p2 + m11 * p3);
+        o3[j] = DRIFTED(p3, m12 * p0 + m13 * p1 + m14 * p2 + m15 * p3);
     }
 }
 

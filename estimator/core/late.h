@@ -26,7 +26,7 @@ static inline void late_polynomial(const Interval *interval, real (*past)[MAX_AX
     real begin = start - delay;
     whole back = 0;
     if (begin < R(0.0)) {
-        back = (whole)CEIL(-begin - R(1e-12));
+        back = (whole)CEIL(-begin - ROUNDING);
         if (back > MAX_DELAY + 1)
             back = MAX_DELAY + 1;
     }
@@ -105,9 +105,9 @@ static inline void flow_late(const Settings *settings, const Interval *interval,
     }
     real ends[MAX_AXES][2];
     for (whole axis = 0; axis < axes; axis++) {
-        late_polynomial(interval, past, axis, delays[axis], R(1.0) - R(1e-9), R(1e-9), part);
+        late_polynomial(interval, past, axis, delays[axis], R(1.0) - INSTANT, INSTANT, part);
         ends[axis][1] = sum_of(part, terms);
-        late_polynomial(interval, past, axis, delays[axis] + R(1.0), R(1.0) - R(1e-9), R(1e-9), part);
+        late_polynomial(interval, past, axis, delays[axis] + R(1.0), R(1.0) - INSTANT, INSTANT, part);
         ends[axis][0] = sum_of(part, terms);
     }
     for (whole axis = 0; axis < axes; axis++)

@@ -27,6 +27,8 @@ typedef float real;
 #define POW powf
 #define ATAN2 atan2f
 #define HYPOT hypotf
+#define INSTANT 1e-6f
+#define ROUNDING 1e-6f
 #else
 typedef double real;
 #define R(number) number
@@ -44,6 +46,8 @@ typedef double real;
 #define POW pow
 #define ATAN2 atan2
 #define HYPOT hypot
+#define INSTANT 1e-9   /* of an interval: short, and still something beside 1 */
+#define ROUNDING 1e-12 /* of a difference between numbers of about 1 */
 #endif
 
 #ifdef CORE_INT32
@@ -53,6 +57,7 @@ typedef int64_t whole;
 #endif
 
 #define PI R(3.14159265358979323846)
+#define HALF_TURN 3.14159265358979323846 /* in 64 bits, as all that grows with every turn */
 
 #define MAX_AXES 2
 #define BASE_CONSTANTS 9 /* of a two-axis gyro */
@@ -145,15 +150,15 @@ typedef struct {
     real nis;     /* smoothed normalised innovation squared, 1 when all is well */
     whole started;
     uint64_t dither; /* state of the xorshift generator */
-    real theta;      /* pattern angle, unwrapped */
-    real theta_zero;
-    real theta_plain;
-    real theta_plain_zero;
+    double theta;    /* pattern angle, unwrapped */
+    double theta_zero;
+    double theta_plain;
+    double theta_plain_zero;
     real rotation; /* of the pattern against the board that theta was read with */
     real rate;     /* the estimated rate of the same */
-    real forced;   /* rotation of the pattern by forces */
-    real rate_integral;
-    real virtual_integral;
+    double forced; /* rotation of the pattern by forces */
+    double rate_integral;
+    double virtual_integral;
     real virtual_applied;
     real gradient[4];              /* of the pattern angle by the states */
     whole referred;                /* 1: the reference instant is past */
@@ -163,17 +168,20 @@ typedef struct {
     real signals[MAX_SIGNALS][2];  /* value, and what else its recursion carries */
     real past[MAX_DELAY + 1][MAX_AXES][MAX_DEGREE]; /* drives of the intervals before, newest first */
     real queue[MAX_LATENCY + 1][3]; /* commanded ux, uy and the virtual rate in them, oldest first */
+#ifdef CORE_FLOAT32
+    real rest[MAX_ENTRIES]; /* of each constant: what its 32 bits do not hold */
+#endif
 } Memory;
 
 typedef struct {
     real nu[MAX_AXES];   /* innovation */
     real s[MAX_AXES];    /* its predicted variance */
-    real angle;          /* reported rotation, rad */
+    double angle;        /* reported rotation, rad */
     real angle_variance; /* of the estimate, since the reference instant */
-    real angle_forced;   /* what was taken off for forces */
-    real angle_pattern;  /* what an ideal control would make equal to it */
-    real angle_plain;    /* the same from the source's formula (11) */
-    real angle_rate_integral;
+    double angle_forced; /* what was taken off for forces */
+    double angle_pattern; /* what an ideal control would make equal to it */
+    double angle_plain;   /* the same from the source's formula (11) */
+    double angle_rate_integral;
     real energy_ratio;
     real quadrature_ratio;
 } Output;

@@ -319,6 +319,25 @@ static inline whole entry_of(const Settings *settings, const whole *active, whol
     return i < settings->states ? i : settings->states + active[i - settings->states];
 }
 
+/* Add to an entry of the state.  A constant sums up changes that are small beside it over the whole run: what 32 bits round
+   off of one is kept for the next (Kahan, Comm. ACM 8(1), 1965).  A state is predicted anew at each sample. */
+static inline void add_to(const Settings *settings, Estimate *estimate, whole entry, real change)
+{
+    real *to = estimate->x + entry;
+#ifdef CORE_FLOAT32
+    if (entry >= settings->states) {
+        real *rest = estimate->memory->rest + entry;
+        real all = change + *rest, sum = *to + all;
+        *rest = all - (sum - *to);
+        *to = sum;
+        return;
+    }
+#else
+    (void)settings;
+#endif
+    *to += change;
+}
+
 /* Measure one constant against its initial value, with variance `noise`; scratch (2 or more, width). */
 static inline void recall_initial(const Settings *settings, const whole *active, whole index, real initial, real noise,
                                   Estimate *estimate, real *scratch)
@@ -331,7 +350,7 @@ static inline void recall_initial(const Settings *settings, const whole *active,
     for (whole i = 0; i < width; i++) /* zeros behind the last, as in p */
         gain[i] = p[row * width + i] * share;
     for (whole i = 0; i < n; i++)
-        x[entry_of(settings, active, i)] += gain[i] * pull;
+        add_to(settings, estimate, entry_of(settings, active, i), gain[i] * pull);
     if (settings->axes == 2)
         recall_angle(estimate->memory, settings->two_covariances == 1 ? c : p, n, width, row, gain, noise);
     rank_one(p, n, width, row, gain, noise, scratch + width);
@@ -524,15 +543,15 @@ static inline void predict(const Settings *settings, const whole *active, whole 
     }
 }
 
-/* x, all constants in it, plus gain (n, 2) times the innovation. */
+/* The state, all constants in it, plus gain (n, 2) times the innovation. */
 static inline void add_correction(const Settings *settings, const whole *active, whole n, const real *gain,
-                                  const real *nu, real *x)
+                                  const real *nu, Estimate *estimate)
 {
     for (whole i = 0; i < n; i++) {
         real correction = R(0.0);
         for (whole channel = 0; channel < settings->axes; channel++)
             correction += gain[2 * i + channel] * nu[channel];
-        x[entry_of(settings, active, i)] += correction;
+        add_to(settings, estimate, entry_of(settings, active, i), correction);
     }
 }
 
@@ -568,7 +587,7 @@ static inline void correct(const Settings *settings, const whole *active, whole 
     if (measured && riccati && channels == 2 && settings->two_covariances == 0) {
         real nis = measure_two(p, n, width, memory, work);
         memory->nis += (nis - memory->nis) * ATTENTION;
-        add_correction(settings, active, n, gain, nu, x);
+        add_correction(settings, active, n, gain, nu, estimate);
     } else {
         predict_variance(actual, n, width, channels, work);
         if (!measured)
@@ -589,7 +608,7 @@ static inline void correct(const Settings *settings, const whole *active, whole 
                     for (whole i = 0; i < n; i++)
                         gain[2 * i + channel] = R(0.0);
         }
-        add_correction(settings, active, n, gain, nu, x);
+        add_correction(settings, active, n, gain, nu, estimate);
         if (channels == 2)
             correct_angle(memory, seen_actual, n, width, jacobian, noise, channels, gain);
         if (settings->two_covariances == 1)

@@ -41,10 +41,10 @@ static inline void phase_and_angle(const real *s, real k, real *theta, real *pha
 }
 
 /* The angle nearest to `before` among twice/2 + n pi: the ellipse is the same after half a turn. */
-static inline real unwrap_half_turns(real twice, real before)
+static inline double unwrap_half_turns(real twice, double before)
 {
-    real theta = R(0.5) * twice;
-    return theta + PI * FLOOR((before - theta) / PI + R(0.5));
+    double theta = (double)(R(0.5) * twice);
+    return theta + HALF_TURN * floor((before - theta) / HALF_TURN + 0.5);
 }
 
 #endif

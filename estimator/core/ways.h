@@ -6,7 +6,7 @@
 #include "signals.h"
 #include "structs.h"
 
-#define CAUGHT (R(1.0) - R(1e-9)) /* of the half-width: what is as far from the foot as that moves it along */
+#define CAUGHT (R(1.0) - INSTANT) /* of the half-width: what is as far from the foot as that moves it along */
 
 /* A signal after a way, and its derivatives by itself before, by the way and by the reach. */
 typedef struct {

@@ -2,8 +2,8 @@
 
 #include <math.h>
 
-#if GYRO_ESTIMATOR_VERSION != 1u
-#error "estimating.c is for version 1 of gyro_estimator.h: take the firmware and the estimator of one release"
+#if GYRO_ESTIMATOR_VERSION != 2u
+#error "estimating.c is for version 2 of gyro_estimator.h: take the firmware and the estimator of one release"
 #endif
 
 static void start(void *context) {

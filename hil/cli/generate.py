@@ -9,6 +9,7 @@ from hil.cli.options import BenchArgument, Json, Link, Replace
 
 Target = Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")]
 Float32 = Annotated[bool, typer.Option("--float32", help="Numbers of 32 bits instead of 64.")]
+Fmu = Annotated[bool, typer.Option("--fmu", help="Pack it as a co-simulation unit of FMI 3.0, too.")]
 Latency = Annotated[int, typer.Option("--latency", min=0, max=15, help="Samples from one to where its drive acts.")]
 SenseScale = Annotated[
     float | None, typer.Option("--sense-scale", help="Volts of a sense code.  [default: 4 amplitudes in 16 bits]")
@@ -26,6 +27,7 @@ def generate(
     sense_scale: SenseScale = None,
     drive_scale: DriveScale = None,
     float32: Float32 = False,
+    fmu: Fmu = False,
     replace: Replace = False,
     json: Json = False,
 ) -> None:
@@ -40,6 +42,7 @@ def generate(
     \b
       hil generate s-slow --out estimator
       hil generate s-slow --out estimator --float32 --latency 2
+      hil generate s-slow --out estimator --fmu
       hil generate my.bench.toml --out estimator --link serial:/dev/ttyACM0
     """
     from hil.cli.show import print_json, say
@@ -49,7 +52,14 @@ def generate(
     if out.exists() and not replace:
         raise InputError(f"{out}: exists already; give another name, or --replace")
     done = write(
-        bench, out=out, link=link, latency=latency, sense_scale=sense_scale, drive_scale=drive_scale, float32=float32
+        bench,
+        out=out,
+        link=link,
+        latency=latency,
+        sense_scale=sense_scale,
+        drive_scale=drive_scale,
+        float32=float32,
+        fmu=fmu,
     )
     taken = done.sizes
     if json:

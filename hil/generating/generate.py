@@ -11,6 +11,7 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
 from hil.errors import InputError
+from hil.generating.fmu import write_fmu
 from hil.generating.golden import Golden, golden
 from hil.generating.sizes import Sizes, sizes
 from hil.generating.written import INTERFACE, decimal, files_of, filled
@@ -19,8 +20,14 @@ from hil.wire.messages import Identity
 
 _SAMPLES = 2000
 _QUIET = 200
-_TOLERANCES = {False: (1e-9, 1e-6), True: (2e-3, 1.0)}
-"""By float32: of the angle in rad, and of each state in its deviations, from what the bench computed in double."""
+_SETTLED = 600
+_TOLERANCES = {False: (0, 1e-9, 1e-6), True: (_SETTLED, 1e-4, 1.0)}
+"""By float32: the sample from which the angle counts, and tolerances of the angle in rad and of each state in its
+deviations, from what the bench computed in double.
+
+In 32 bits a drive code differs by one now and then from the recorded one that was applied. At the first one that
+drives, the virtual rotation in it is then noticed some samples late, which turns the angle by a milliradian, once.
+"""
 
 
 @dataclass(frozen=True)
@@ -32,21 +39,17 @@ class Generated:
     sizes: Sizes | None
 
 
-def generate(bench: Bench, place: str, identity: Identity, folder: Path, *, float32: bool = False) -> Generated:
+def generate(
+    bench: Bench, place: str, identity: Identity, folder: Path, *, float32: bool = False, fmu: bool = False
+) -> Generated:
     """Write the estimator of a bench file, for a board with these codes, into `folder`; place: how messages call the
-    bench file.
+    bench file; fmu: pack it as a co-simulation unit, too.
 
-    Raises InputError for a device that is no two-axis gyro, for a plain EKF in 32 bits, and naming an effect
-    that cannot be written.
+    Raises InputError for a device that is no two-axis gyro, and naming an effect that cannot be written.
     """
     if bench.device.axes != 2:
         raise InputError(
             f"{place}: [device] axes = {bench.device.axes}: only the estimator of a gyro, axes = 2, is written"
-        )
-    if float32 and bench.observer.gain == "ekf":
-        raise InputError(
-            f'{place}: [observer] gain = "ekf" loses a deviation within seconds in numbers of 32 bits; '
-            'take gain = "fading", or leave out --float32'
         )
 
     def made() -> Observer:
@@ -79,15 +82,16 @@ def generate(bench: Bench, place: str, identity: Identity, folder: Path, *, floa
         else (f"\nOn a Cortex-M7 at -O2: {taken.flash_bytes} bytes of code, {taken.struct_bytes} of memory.\n")
     )
     write_text(folder / "README.txt", filled("README.txt", {**facts, "SAMPLES": str(_SAMPLES), "SIZES": told}))
-    return Generated(folder, (*texts, "README.txt"), taken)
+    packed = (write_fmu(folder, made(), title, facts["PRODUCT"]),) if fmu else ()
+    return Generated(folder, (*texts, "README.txt", *packed), taken)
 
 
-def _golden_text(vectors: Golden, angle_rad: float, state: float) -> str:
+def _golden_text(vectors: Golden, settled: int, angle_rad: float, state: float) -> str:
     """golden.h."""
     n = len(vectors.angle)
     heads = {
         "GOLDEN_VERSION": f"{INTERFACE}u", "GOLDEN_SAMPLES": n, "GOLDEN_QUIET": vectors.quiet,
-        "GOLDEN_ANGLE_RAD": decimal(angle_rad), "GOLDEN_STATE": decimal(state),
+        "GOLDEN_SETTLED": settled, "GOLDEN_ANGLE_RAD": decimal(angle_rad), "GOLDEN_STATE": decimal(state),
     }  # fmt: skip
     lines = [f"#define {name} {value}" for name, value in heads.items()]
     for name in ("sense", "applied", "drive"):

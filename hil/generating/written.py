@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.generating.data import Numbers, data
 from hil.generating.source import Item, chosen, items, macros, reached, struct_of, with_numbers
 
-INTERFACE = 1
+INTERFACE = 2
 """GYRO_ESTIMATOR_VERSION: rises with a change that a caller would notice."""
 
 _ENTRIES = ("controller", "block")
@@ -28,6 +28,10 @@ _ROOTS = (
 
 _PUBLIC = {"Memory": "gyro_memory", "Output": "gyro_output", "Push": "gyro_push", "FlowWork": "gyro_flow_work",
            "Workspace": "gyro_workspace", "real": "gyro_real", "whole": "gyro_whole"}  # fmt: skip
+_SHORT = (
+    "Numbers have 32 bits; time, the angle and its sums have 64, and each\n * constant is kept with what its 32 "
+    "bits do not hold: compile without -ffast-math."
+)
 _INCLUDE = re.compile(r'^#include "(\w+)\.h"$', re.MULTILINE)
 _OF_ITS_OWN = re.compile(r"    if \(is_own\(effect\)\) \{.*?\n    \}\n", re.DOTALL)
 """How the core calls a law that is compiled apart; here all laws stand beside the others."""
@@ -120,7 +124,7 @@ def files_of(observer: Observer, facts: Mapping[str, str], place: str, *, float3
     values = {
         **facts,
         "VERSION": str(INTERFACE),
-        "REAL": "Numbers have 32 bits; time has 64." if float32 else "Numbers have 64 bits.",
+        "REAL": _SHORT if float32 else "Numbers have 64 bits.",
         "TYPE": "float" if float32 else "double",
         "STRUCTS": "\n\n".join(structs) + "\n",
         "TYPEDEFS": "\n".join(typedefs),

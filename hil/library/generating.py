@@ -27,18 +27,20 @@ def generate(
     sense_scale: float | None = None,
     drive_scale: float | None = None,
     float32: bool = False,
+    fmu: bool = False,
 ) -> "Generated":
     """Write observer, control law and angle of a bench as C99 into the folder `out`, with golden vectors and a test.
 
     link: a board whose codes and latency are taken; without one they are latency [samples], sense_scale [V per code]
-    and drive_scale [m/s² per code], by default those of converters of 16 bits.  Raises InputError for a bench that is
+    and drive_scale [m/s² per code], by default those of converters of 16 bits.  float32: numbers of 32 bits.  fmu: pack
+    it as a co-simulation unit of FMI 3.0, too, for which a C compiler is needed.  Raises InputError for a bench that is
     no two-axis gyro's, or has an effect that cannot be written.
     """
     from hil.generating.generate import generate as write
 
     declared, place = (bench, "the bench") if isinstance(bench, Bench) else _loaded(bench)
     identity = identity_at(link) if link is not None else _assumed(declared, latency, sense_scale, drive_scale)
-    return write(declared, place, identity, path_of("out", out), float32=float32)
+    return write(declared, place, identity, path_of("out", out), float32=float32, fmu=fmu)
 
 
 def _loaded(name: Path | str) -> tuple[Bench, str]:

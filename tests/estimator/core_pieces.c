@@ -223,7 +223,8 @@ PIECE void p_remember_prior(const Settings *settings, const whole *active, whole
 PIECE void p_add_correction(const Settings *settings, const whole *active, whole n, const real *gain, const real *nu,
                             real *x)
 {
-    add_correction(settings, active, n, gain, nu, x);
+    Estimate estimate = {n, n, n, x, NULL, NULL, NULL};
+    add_correction(settings, active, n, gain, nu, &estimate);
 }
 
 PIECE void p_tabulated(const real *gains, whole angles, whole phases, whole n, const real *s, real *gain)

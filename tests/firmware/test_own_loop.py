@@ -144,9 +144,9 @@ def test_a_board_of_other_codes_is_told_in_one_line(tmp_path: Path) -> None:
 def test_an_estimator_of_another_version_is_not_built(estimator: Path, tmp_path: Path) -> None:
     for name in ("gyro_estimator.h", "gyro_estimator.c"):
         text = (estimator / name).read_text()
-        (tmp_path / name).write_text(text.replace("GYRO_ESTIMATOR_VERSION 1u", "GYRO_ESTIMATOR_VERSION 2u"))
+        (tmp_path / name).write_text(text.replace("GYRO_ESTIMATOR_VERSION 2u", "GYRO_ESTIMATOR_VERSION 3u"))
     told = [line for line in refused(tmp_path) if "error" in line]
-    assert "estimating.c is for version 1 of gyro_estimator.h" in told[0]
+    assert "estimating.c is for version 2 of gyro_estimator.h" in told[0]
 
 
 def test_an_estimator_without_a_function_is_not_built(estimator: Path, tmp_path: Path) -> None:

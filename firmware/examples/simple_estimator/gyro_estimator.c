@@ -72,7 +72,7 @@ static void control(const gyro_estimator *e, gyro_real drive[2]) {
 }
 
 void estimator_step(gyro_estimator *e, const gyro_real sense_V[2], const gyro_real applied_mps2[2], int drive_on,
-                    gyro_real drive_mps2[2], gyro_real *angle_rad) {
+                    gyro_real drive_mps2[2], double *angle_rad) {
     gyro_real interval = 1.0 / sample_rate;
     kick(e, applied_mps2, 0.5 * interval);
     drift(e->x, e->v, interval);
@@ -100,7 +100,8 @@ void estimator_step_codes(gyro_estimator *e, const int32_t sense[2], const int32
                           int32_t drive[2]) {
     const gyro_real sense_V[2] = {sense[0] * GYRO_SENSE_SCALE_V, sense[1] * GYRO_SENSE_SCALE_V};
     const gyro_real applied_mps2[2] = {applied[0] * GYRO_DRIVE_SCALE_MPS2, applied[1] * GYRO_DRIVE_SCALE_MPS2};
-    gyro_real drive_mps2[2], angle;
+    gyro_real drive_mps2[2];
+    double angle;
     estimator_step(e, sense_V, applied_mps2, drive_on, drive_mps2, &angle);
     for (int k = 0; k < 2; k++)
         drive[k] = code(drive_mps2[k]);

@@ -11,7 +11,7 @@
 #include <stdint.h>
 
 /* Of this interface. */
-#define GYRO_ESTIMATOR_VERSION 1u
+#define GYRO_ESTIMATOR_VERSION 2u
 
 typedef double gyro_real;
 
@@ -52,7 +52,7 @@ void gyro_estimator_init(gyro_estimator *e);
 /* The voltages sampled at tick m and the drive held over the interval that ends at m lead to the drive for the interval
  * that begins at m + latency, and to the angle. drive_on: whether that drive will be applied. */
 void estimator_step(gyro_estimator *e, const gyro_real sense_V[2], const gyro_real applied_mps2[2], int drive_on,
-                    gyro_real drive_mps2[2], gyro_real *angle_rad);
+                    gyro_real drive_mps2[2], double *angle_rad);
 
 /* The same from codes to codes. */
 void estimator_step_codes(gyro_estimator *e, const int32_t sense[2], const int32_t applied[2], int drive_on,

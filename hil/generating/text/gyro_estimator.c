@@ -96,11 +96,11 @@ void controller_step(gyro_estimator *estimator, int drive_on, gyro_real drive_mp
 }
 
 void estimator_step(gyro_estimator *estimator, const gyro_real sense_V[2], const gyro_real applied_mps2[2],
-                    int drive_on, gyro_real drive_mps2[2], gyro_real *angle_rad)
+                    int drive_on, gyro_real drive_mps2[2], double *angle_rad)
 {
     observer_step(estimator, sense_V, applied_mps2);
     controller_step(estimator, drive_on, drive_mps2);
-    *angle_rad = (real)estimator->row.angle;
+    *angle_rad = estimator->row.angle;
 }
 
 void estimator_step_codes(gyro_estimator *estimator, const int32_t sense[2], const int32_t applied[2], int drive_on,

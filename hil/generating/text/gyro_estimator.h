@@ -73,7 +73,7 @@ void controller_step(gyro_estimator *estimator, int drive_on, gyro_real drive_mp
 
 /* The two, and the angle. */
 void estimator_step(gyro_estimator *estimator, const gyro_real sense_V[2], const gyro_real applied_mps2[2],
-                    int drive_on, gyro_real drive_mps2[2], gyro_real *angle_rad);
+                    int drive_on, gyro_real drive_mps2[2], double *angle_rad);
 
 /* The same from codes to codes; this is what the bench computes in its loop, to the last bit where gyro_real is double. */
 void estimator_step_codes(gyro_estimator *estimator, const int32_t sense[2], const int32_t applied[2], int drive_on,
