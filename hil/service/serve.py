@@ -23,6 +23,7 @@ from hil.service.security.roles import Role
 from hil.service.security.tokens import Holder, Tokens
 from hil.service.service import PRIVATE, Service
 from hil.wire.link_name import parse_link
+from hil.wire.regular_file import require_regular
 
 PORT = 8417
 FOUND_BY = "serve.json"
@@ -162,6 +163,7 @@ def _require_usable(certificate: Path, key: Path) -> None:
     """InputError where no TLS can be spoken with these files."""
     for option, path in (("--tls-cert", certificate), ("--tls-key", key)):
         try:
+            require_regular(path)
             path.open("rb").close()
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or str(error)

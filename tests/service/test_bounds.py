@@ -184,7 +184,7 @@ def test_messages_of_the_live_connection(service: Serving) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("wrong", ["no file", "no certificate", "a folder", "another key", "a NUL"])
+@pytest.mark.parametrize("wrong", ["no file", "no certificate", "a pipe", "a folder", "another key", "a NUL"])
 def test_tls_files_that_cannot_be_used(tmp_path: Path, wrong: str) -> None:
     certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
     for name in ("key.pem", "other.pem"):
@@ -200,6 +200,9 @@ def test_tls_files_that_cannot_be_used(tmp_path: Path, wrong: str) -> None:
         certificate.unlink()
     elif wrong == "no certificate":
         certificate.write_text("x")
+    elif wrong == "a pipe":
+        certificate.unlink()
+        os.mkfifo(certificate)
     elif wrong == "a folder":
         certificate = tmp_path
     options = ["--tls-cert", str(certificate), "--tls-key", str(key)]
