@@ -4,12 +4,9 @@ import pytest
 
 from benchmarks.speed.cases import CASES, Case
 from benchmarks.speed.peers import HandWritten
-from estimator.core.compiler import CURES, command
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if not case.effects], ids=lambda case: case.name)
 def test_the_step_by_hand_is_the_observers(case: Case) -> None:
     """Angle, state and deviations after 2000 samples, within a millionth of a deviation."""
-    if not command():
-        pytest.skip(f"no C compiler: {CURES}")
     assert HandWritten(case).apart() < 1e-6
