@@ -57,4 +57,5 @@ def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) ->
 
 def near_channel(name: str, known: Sequence[str] = CHANNELS) -> str | None:
     """The channel that a name which is none may have been meant for."""
-    return next(iter(difflib.get_close_matches(name, known, n=1)), None)
+    by_small = {each.lower(): each for each in known}  # many instruments write names in capitals
+    return next((by_small[each] for each in difflib.get_close_matches(name.lower(), by_small, n=1)), None)
