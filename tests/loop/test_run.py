@@ -4,6 +4,7 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -11,6 +12,7 @@ from hil.bench import Bench
 from hil.emulation import emulator
 from hil.errors import InputError
 from hil.loop.run import RunResult, run
+from hil.loop.supervision import worker_process
 from hil.progress import Progress
 from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
@@ -209,3 +211,23 @@ def test_a_wild_record_brings_the_board_to_safe(tmp_path: Path) -> None:
     assert result.counters["residual_safe"] == 1
     assert result.samples < 4000
     assert result.complete
+
+
+def test_a_board_that_does_not_start_leaves_no_process_of_the_loop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The loop's process gets ready while the board does, and is started before it."""
+    started = []
+
+    @contextmanager
+    def noted(*arguments: Any) -> Iterator[Any]:
+        with worker_process(*arguments) as worker:
+            started.append(worker)
+            yield worker
+
+    monkeypatch.setattr("hil.loop.run.worker_process", noted)
+    (tmp_path / "broken.toml").write_text("no scenario\n")
+    with pytest.raises(InputError, match=r"broken\.toml"):
+        go(gyro.bench(1.0, "paced"), f"pty:{tmp_path}/broken.toml", tmp_path / "runs")
+    (worker,) = started
+    assert worker.returncode is not None
