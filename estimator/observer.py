@@ -94,7 +94,8 @@ def senses_allow(effect: Effect, device: Device) -> bool:
 class Observer:
     """Observer (7)(8) with the gain of choice, and the controller (9) when its settings are given.
 
-    The last `watched` of the settings' effects are not carried: `estimator.trace.scan` follows their signatures.
+    The last `watched` of the settings' effects are not carried: `estimator.trace.scan` follows their signatures.  With
+    `known`, the coefficients of the others are constants that are not estimated.
 
     Holds the filter's whole memory; `run` and `tick` advance it.  Raises ModelError for a device or setting that makes
     no observer (no model for the axes, fewer than four samples a cycle, latency beyond the queue).
@@ -106,6 +107,8 @@ class Observer:
         settings: ObserverSettings,
         controller: ControllerSettings | None = None,
         watched: int = 0,
+        *,
+        known: bool = False,
     ) -> None:
         self.device = device
         self.settings = settings
@@ -130,7 +133,7 @@ class Observer:
             )
         self.states = len(self.model.states)
         base = len(self.model.constants)
-        estimated = sum(len(effect.coefficients) for _, effect in self.effects[: self.carried])
+        estimated = 0 if known else sum(len(effect.coefficients) for _, effect in self.effects[: self.carried])
         self.active = np.concatenate([active_constants(self.model, settings.variant), base + np.arange(estimated)])
         self.estimated_index = np.concatenate([np.arange(self.states), self.states + self.active])
         if len(self.estimated_index) > MAX_ENTRIES:

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol
 import numpy as np
 
 from estimator.core.arguments import Arguments
-from estimator.core.layout import Floats, Record
+from estimator.core.layout import Floats, Ints, Record
 from estimator.core.library import LIBRARY
 from estimator.core.structures import Arrays
 
@@ -16,8 +16,8 @@ BLOCK = 12
 """The width of a matrix of equations is a multiple of it."""
 
 _SCAN = Arguments(
-    ("n", "terms", "warm", "count", "weighed", "width", "instants"),
-    ("z", "u", "h", "temperature", "rows", "delta", "equations", "turned", "course", "scratch"),
+    ("n", "terms", "warm", "count", "known", "weighed", "width", "instants"),
+    ("constants", "z", "u", "h", "temperature", "rows", "delta", "equations", "turned", "course", "scratch"),
     ("level",),
 )
 _GRAM = Arguments(("rows", "width"), ("a", "out"))
@@ -43,7 +43,8 @@ class Signatures(NamedTuple):
     after the last sample.  equations (axes · n, k + 1 or more) receive, where there are any, the innovations'
     sensitivities and behind them the innovation, all over its deviation; columns beyond are left alone.  Samples around
     an innovation larger than `level` times its variance count less, in proportion: a jump of the rate says nothing of
-    an effect.
+    an effect.  The first columns are those of the constants `known` (indices among all), which the filter does not
+    estimate.
     """
 
     delta: Floats
@@ -51,6 +52,7 @@ class Signatures(NamedTuple):
     equations: Floats
     turned: Floats
     course: Floats
+    known: Ints = np.zeros(0, np.int64)
 
 
 class Observing(Protocol):
@@ -71,14 +73,14 @@ def scan_block(observer: Observing, portion: Portion, signatures: Signatures) ->
     Raises ValueError for an array that is not contiguous.
     """
     z, u, h, temperature, rows = portion
-    delta, level, equations, turned, course = signatures
+    delta, level, equations, turned, course, known = signatures
     rows_of_delta, count = delta.shape
     constants = len(observer.arrays.x)
     LIBRARY.gyro_scan_block(
         ctypes.c_void_p(observer.core),
         _SCAN(
-            n=len(z), terms=u.shape[2], warm=len(temperature) > 0, count=count, weighed=len(equations) > 0,
-            width=equations.shape[1], instants=len(course), z=z, u=u, h=h, temperature=temperature, rows=rows,
+            n=len(z), terms=u.shape[2], warm=len(temperature) > 0, count=count, known=len(known), weighed=len(equations) > 0,
+            width=equations.shape[1], instants=len(course), constants=known, z=z, u=u, h=h, temperature=temperature, rows=rows,
             delta=delta, equations=equations, turned=turned, course=course,
             scratch=np.zeros(2 * constants + (2 + rows_of_delta) * count), level=level,
         ),

@@ -213,6 +213,9 @@ static inline real measure_two(real *p, whole n, whole width, Memory *memory, Wo
     real shared = first * s01; /* y of the first channel by h of the second */
     real rest = s11 - shared * shared;
     real second = R(1.0) / SQRT(rest);
+    work->shared = shared;
+    work->deviation[0] = SQRT(s00);
+    work->deviation[1] = SQRT(rest);
     for (whole i = 0; i < width; i++) {
         real y = first * seen0[i];
         seen0[i] = y;
@@ -567,7 +570,9 @@ static inline void predict_variance(const real *actual, whole n, whole width, wh
                     if (jacobian[j] != R(0.0))
                         variance += jacobian[i] * actual[i * width + j] * jacobian[j];
         work->variance[channel] = variance;
+        work->deviation[channel] = SQRT(variance);
     }
+    work->shared = R(0.0);
 }
 
 /* Update state and covariances with the sample (NaN: no measurement); work receives innovation and its variance. */

@@ -21,6 +21,10 @@ static const real SCAN_WEIGHT[SCAN_NODES] = {R(0.27777777777777778), R(0.4444444
 
 /* n samples, and what is followed of `count` coefficients that the filter does not carry.
 
+   The first `known` of them are constants of the flow that the filter takes as known, by their index among all constants:
+   then the sums are score and information of a likelihood in which they are parameters.  The others are coefficients of
+   effects that are zero, the last among the constants.
+
    delta: sensitivity of the filter's estimates to them, carried on; turned: that of the reported angle, of two axes,
    carried on and written to course at equal distances, the last time after the last sample.  equations receive, where
    there are any, the innovations' sensitivities and behind them the innovation, all over its deviation; columns beyond
@@ -31,9 +35,11 @@ typedef struct {
     whole terms;           /* of the drive's polynomial in each interval */
     whole warm;            /* 1: the temperature is measured */
     whole count;           /* coefficients */
+    whole known;           /* constants of the flow among them */
     whole weighed;         /* 1: equations are filled */
     whole width;           /* numbers in a row of equations */
     whole instants;        /* rows of course */
+    const whole *constants; /* (known,) */
     const real *z;         /* (n, axes) measured */
     const real *u;         /* (n, axes, terms) drive over the interval that ends at each sample */
     const real *h;         /* (n,) its length */
@@ -50,6 +56,9 @@ typedef struct {
 /* A scan while a block is gone through. */
 typedef struct {
     whole count;
+    whole known;         /* the first of them, constants of the flow */
+    whole watched;       /* the others */
+    const whole *index;  /* (known,) of each among the constants */
     whole constants;     /* all of them, the watched coefficients last */
     whole origin;        /* index of the first watched coefficient among them */
     whole rate_row;      /* the rate's in delta, -1 for none */
@@ -112,7 +121,7 @@ static inline void add_jump(const Settings *settings, const Memory *memory, cons
         real ended = R(0.0);
         for (whole n = 0; n < terms && n < MAX_DEGREE; n++)
             ended += memory->past[1][axis][n];
-        whole k = settings->watched_drive_delay + axis - follow->origin;
+        whole k = follow->known + settings->watched_drive_delay + axis - follow->origin;
         for (whole i = 0; i < settings->states; i++)
             follow->delta[i * follow->count + k] +=
                 follow->response[SCAN_NODES][i][axis] * (ended - u[axis * terms]);
@@ -150,9 +159,9 @@ static inline void add_forced(const Settings *settings, const Memory *memory, co
             add_slope(settings, u, terms, at, h, mutable);
         for (whole axis = 0; axis < axes; axis++)
             for (whole i = 0; i < states; i++)
-                add_scaled(follow->delta + i * follow->count,
+                add_scaled(follow->delta + i * follow->count + follow->known,
                            follow->by_constants + axis * follow->constants + follow->origin,
-                           SCAN_WEIGHT[node] * h * follow->response[node][i][axis], follow->count);
+                           SCAN_WEIGHT[node] * h * follow->response[node][i][axis], follow->watched);
     }
     if (settings->watched_drive_delay >= 0)
         add_jump(settings, memory, u, terms, mutable);
@@ -179,9 +188,28 @@ static inline void watch_sensed(const Settings *settings, const real *x, const r
     for (whole axis = 0; settings->watched_sense_delay >= 0 && axis < settings->axes; axis++)
         follow->by_constants[axis * follow->constants + settings->watched_sense_delay + axis] -= s[2 * axis + 1];
     for (whole axis = 0; axis < settings->axes; axis++)
-        for (whole k = 0; k < follow->count; k++)
-            follow->signature[axis * follow->count + k] =
+        for (whole k = 0; k < follow->watched; k++)
+            follow->signature[axis * follow->count + follow->known + k] =
                 -follow->by_constants[axis * follow->constants + follow->origin + k];
+}
+
+/* Add to the states' rows of delta what the flow has by the constants that are known. */
+static inline void add_known(const Settings *settings, const Following *follow, const FlowWork *flow)
+{
+    for (whole k = 0; k < follow->known; k++) {
+        whole column = 1 + settings->states + follow->index[k] - settings->sense_constants;
+        for (whole i = 0; i < settings->states; i++)
+            follow->delta[i * follow->count + k] += flow->out[i * flow->columns + column];
+    }
+}
+
+/* signature <- less what the measurement has by the constants that are known, from its jacobian by all constants. */
+static inline void know_sensed(const Settings *settings, const Following *follow, const Workspace *work)
+{
+    for (whole axis = 0; axis < settings->axes; axis++)
+        for (whole k = 0; k < follow->known; k++)
+            follow->signature[axis * follow->count + k] =
+                -work->full[axis * work->total + settings->states + follow->index[k]];
 }
 
 /* First rows of delta <- g' delta; g (rows of delta, states). */
@@ -289,17 +317,24 @@ static inline int show(const Settings *settings, const Sample *sample, const Wor
     return usable;
 }
 
-/* The rows of the equations of sample m, all over the innovation's deviation. */
+/* The rows of the equations of sample m, whitened: over the deviations of the innovations, the second less what the first
+   says of it.  Behind the innovation, where there is room, the logarithm of the deviation. */
 static inline void write_equations(const Settings *settings, const Memory *memory, const Scan *scan, whole m,
                                    const Workspace *work, const Following *follow)
 {
-    real share = memory->nis > scan->level ? scan->level / memory->nis : R(1.0);
+    whole count = scan->count;
+    real root = SQRT(memory->nis > scan->level ? scan->level / memory->nis : R(1.0)), *first = NULL;
     for (whole axis = 0; axis < settings->axes; axis++) {
-        real weight = SQRT(share / work->variance[axis]);
+        real weight = root / work->deviation[axis];
         real *row = scan->equations + (settings->axes * m + axis) * scan->width;
-        for (whole k = 0; k < scan->count; k++)
-            row[k] = weight * follow->signature[axis * scan->count + k];
-        row[scan->count] = weight * work->innovation[axis];
+        for (whole k = 0; k < count; k++)
+            row[k] = weight * follow->signature[axis * count + k];
+        row[count] = weight * work->innovation[axis];
+        if (first != NULL && work->shared != R(0.0))
+            add_scaled(row, first, -work->shared / work->deviation[axis], count + 1);
+        if (count + 1 < scan->width)
+            row[count + 1] = LOG(work->deviation[axis]);
+        first = row;
     }
 }
 
@@ -313,8 +348,12 @@ static inline Following following(const Arrays *observer, const Scan *scan)
 {
     const Settings *settings = observer->settings;
     whole states = settings->states, count = scan->count, constants = observer->total - states;
+    whole watched = count - scan->known;
     real *scratch = scan->scratch;
-    Following follow = {.count = count, .constants = constants, .origin = constants - count, .rate_row = -1};
+    Following follow = {.count = count, .constants = constants, .origin = constants - watched, .rate_row = -1};
+    follow.known = scan->known;
+    follow.watched = watched;
+    follow.index = scan->constants;
     follow.rows = states + observer->count;
     follow.delta = scan->delta;
     follow.turned = scan->turned;
@@ -340,11 +379,13 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
     const Table table = table_of(observer);
     const Sample sample = {scan->z + m * axes, scan->u + m * axes * scan->terms, scan->terms, scan->h[m]};
     real *x = estimate->x, before[4], foreseen[4];
-    int turning = axes == 2 && memory->started == 1;
+    int turning = axes == 2 && memory->started == 1 && scan->instants > 0;
     real rotation = memory->rotation, rate = memory->rate;
     for (whole i = 0; i < states; i++)
         before[i] = x[i];
     predict(settings, observer->active, active, constants.intensity, estimate, sample.u, sample.terms, sample.h, work);
+    multiply_rows(work->transition, states, follow);
+    add_known(settings, follow, &work->flow);
     if (axes == 2)
         note_forced_rotation(settings, memory, x, sample.h);
     for (whole i = 0; i < states; i++)
@@ -356,11 +397,13 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
         scan->rows[m].nu[axis] = work->innovation[axis];
         scan->rows[m].s[axis] = work->variance[axis];
     }
-    multiply_rows(work->transition, states, follow);
-    signal_values(settings, memory, memory->time, work->flow.push.signals);
-    add_forced(settings, memory, before, x + states, &sample, follow, work);
-    signal_values(settings, memory, memory->time, work->flow.push.signals);
-    watch_sensed(settings, x, sample.u, sample.terms, follow, work);
+    know_sensed(settings, follow, work);
+    if (follow->watched > 0) {
+        signal_values(settings, memory, memory->time, work->flow.push.signals);
+        add_forced(settings, memory, before, x + states, &sample, follow, work);
+        signal_values(settings, memory, memory->time, work->flow.push.signals);
+        watch_sensed(settings, x, sample.u, sample.terms, follow, work);
+    }
     int usable = show(settings, &sample, work, follow);
     if (turning && follow->rate_row >= 0)
         add_scaled(follow->turned, follow->delta + follow->rate_row * count, sample.h, count);
@@ -392,7 +435,7 @@ static inline void scan_block(Estimator *estimator, const Scan *scan)
     real length = R(-1.0);
     Following follow = following(observer, scan);
     Estimate estimate = widened(estimator);
-    workspace_begin(work, settings, n, observer->total - scan->count);
+    workspace_begin(work, settings, n, observer->total - follow.watched);
     for (whole m = 0; m < scan->n; m++) {
         if (scan->warm)
             memory->temperature = scan->temperature[m];

@@ -90,7 +90,9 @@ typedef struct {
 
    transition (n, states) the states' rows of the Jacobian, turned; rows (2 states, width) and projected (4, width) of
    covariances; jacobian (2, n) of the measurement, full (2, total) by all constants; gain (n, 2); jump what a constant's
-   jump does; per axis: predicted measurement, its noise, the noise that the gain assumes, innovation, its variance. */
+   jump does; per axis: predicted measurement, its noise, the noise that the gain assumes, innovation, its variance;
+   shared: what the second innovation is expected to be when the first is one deviation, deviation: of the first, and of
+   the second when the first is known. */
 typedef struct {
     whole n;
     whole width;
@@ -108,6 +110,8 @@ typedef struct {
     real assumed[MAX_AXES];
     real innovation[MAX_AXES];
     real variance[MAX_AXES];
+    real shared;
+    real deviation[MAX_AXES];
 } Workspace;
 
 /* The next multiple of four, so that rows fill vector registers. */

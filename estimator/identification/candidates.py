@@ -1,0 +1,101 @@
+"""The catalogue beside a model: every effect that a record can show, those with parameters where the record suggests
+them.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from estimator.effects.catalogue import EFFECTS
+from estimator.effects.declaration import Effect, Parameter, Source
+from estimator.effects.search import Search
+from estimator.identification.fit import FittedModel
+from estimator.observer import senses_allow
+from estimator.scaling import Scaling
+from estimator.trace.candidates import _of_lines, _of_modes, _of_thresholds
+from estimator.trace.problem import Effects, Problem
+
+CORNERS = (0.02, 0.5, 5.0)
+"""Shares of the resonance at which a filter in the path may have its corner."""
+SPEEDS = (0.01, 0.1)
+"""Shares of the largest velocity below which a friction may be less than dry."""
+
+Starts = list[tuple[str, tuple[float, ...]]]
+
+
+def kind(name: str) -> str:
+    """Name of an effect without its label."""
+    return name.partition(":")[0]
+
+
+def candidates(problem: Problem, fitted: FittedModel) -> Effects:
+    """Effects that are not in the model, each with its parameters, SI; with a label where it has several starts.
+
+    A line or a mode may be there more than once.
+    """
+    starts = _starts(problem, fitted)
+    included = {kind(name) for name in fitted.model.effects}
+    found = {}
+    for effect in _possible(problem):
+        several = effect.search in (Search.LINES, Search.MODES)
+        if effect.name in included and not several:
+            continue
+        for label, given in _given(problem, effect, starts):
+            name = f"{effect.name}:{label}" if label else effect.name
+            if name not in fitted.model.effects:
+                found[name] = given
+    return found
+
+
+def _possible(problem: Problem) -> Iterator[Effect]:
+    """What this device may have and this record may show."""
+    record, device = problem.record, problem.device
+    for effect in (*EFFECTS, *device.own):
+        if effect.declared_only or effect.on(device.axes) is None or not senses_allow(effect, device):
+            continue
+        if effect.runs_freely or (effect.delayed is not None and not np.any(record.drive)):
+            continue
+        if any(s.source is Source.TEMPERATURE for s in effect.signals) and "temperature" not in record.channels:
+            continue
+        yield effect
+
+
+def _starts(problem: Problem, fitted: FittedModel) -> dict[Search, Starts]:
+    """Where the record suggests frequencies, corners and thresholds, SI."""
+    record, device, seen = problem.record, problem.device, fitted.evaluation
+    omega0 = float(np.sqrt(device.target))
+    with np.errstate(invalid="ignore"):
+        whitened = seen.innovation / seen.deviation
+    return {
+        Search.CORNERS: _labelled(CORNERS, omega0),
+        Search.SPEEDS: _labelled(SPEEDS, device.amplitude * omega0),
+        Search.LINES: list(_of_lines(record, device, whitened)),
+        Search.MODES: list(_of_modes(record, device, whitened)),
+        **{search: list(values) for search, values in _of_thresholds(record, device).items()},
+    }
+
+
+def _labelled(shares: tuple[float, ...], of: float) -> Starts:
+    return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
+
+
+def _given(problem: Problem, effect: Effect, starts: dict[Search, Starts]) -> Iterator[tuple[str, dict[str, float]]]:
+    """The effect's parameters at each of its starts, with a label."""
+    names = [parameter.name for parameter in effect.parameters]
+    if not names:
+        yield "", {}
+    elif effect.search is not None:
+        for label, values in starts.get(effect.search, []):
+            yield label, dict(zip(names, values * len(names) if len(values) == 1 else values, strict=True))
+    else:
+        device = problem.device
+        scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
+        for label, values in enumerate(product(*(_tried(p) for p in effect.parameters)), start=1):
+            pairs = zip(effect.parameters, values, strict=True)
+            yield str(label), {p.name: value * scaling.coefficient(p) for p, value in pairs}
+
+
+def _tried(parameter: Parameter) -> tuple[float, ...]:
+    """Where the declaration has a search begin, scaled."""
+    return parameter.tried or ((parameter.default,) if parameter.default is not None else ())

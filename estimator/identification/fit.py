@@ -1,0 +1,123 @@
+"""The parameters of a model by maximum likelihood: Gauss and Newton with priors and damping."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.identification.likelihood import Evaluation, Layout, Model, evaluate
+from estimator.identification.noise import declared_noise, fit_noise, quieten
+from estimator.scaling import Array
+from estimator.trace.problem import Effects, Problem
+
+PASSES = 12
+"""Gauss–Newton converges in three to six; more are a fit that has no top nearby."""
+ROUGH = 2
+"""Passes between two estimates of the noise."""
+FIRST, GROWTH = 2500, 4
+"""Samples of the beginning that is fitted first, and by how much the next part is longer."""
+RISE = 1.0
+"""Of the log-likelihood, below which another round with another noise is not worth its passes."""
+SETTLED = 0.02
+"""Expected rise of the penalised log-likelihood below which a fit is at its top: a seventh of a deviation."""
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A model at its top: layout of its parameters, the pass there, the penalised log-likelihood; converged: whether
+    the last step expected no more.
+    """
+
+    layout: Layout
+    model: Model
+    evaluation: Evaluation
+    objective: float
+    converged: bool
+
+    @property
+    def posterior_information(self) -> Array:
+        """(k, k) of the parameters, prior included, at the noise that is left."""
+        return self.evaluation.information.sum(axis=0) / self.evaluation.scale + np.diag(self.layout.deviation**-2.0)
+
+    @property
+    def score(self) -> Array:
+        """(k,) slope of the penalised log-likelihood."""
+        pull = (self.model.theta - self.layout.mean) / self.layout.deviation**2
+        return self.evaluation.score.sum(axis=0) / self.evaluation.scale - pull
+
+
+def at(problem: Problem, layout: Layout, model: Model) -> FittedModel:
+    """A model where it stands."""
+    evaluation = evaluate(problem, layout, model)
+    return FittedModel(layout, model, evaluation, _penalised(layout, model, evaluation), converged=False)
+
+
+def _penalised(layout: Layout, model: Model, evaluation: Evaluation) -> float:
+    pull = (model.theta - layout.mean) / layout.deviation
+    return evaluation.log_likelihood - 0.5 * float(pull @ pull)
+
+
+def climb(problem: Problem, start: FittedModel, passes: int = PASSES) -> FittedModel:
+    """The top next to `start`, at the noise that `start` has."""
+    now, damping = start, 0.0
+    for _ in range(passes):
+        if not now.evaluation.sound:
+            return now
+        information, score = now.posterior_information, now.score
+        damped = information + damping * np.diag(np.diag(information))
+        try:
+            step = np.linalg.solve(damped, score)
+        except np.linalg.LinAlgError:
+            return now
+        if 0.5 * float(score @ step) < SETTLED:
+            return replace(now, converged=True)
+        theta = np.maximum(now.model.theta + step, now.layout.least)
+        moved = at(problem, now.layout, replace(now.model, theta=theta))
+        if moved.objective > now.objective:
+            now, damping = moved, damping / 10.0 if damping > 1e-3 else 0.0
+        else:
+            damping = max(10.0 * damping, 1e-2)
+            if damping > 1e4:
+                return now
+    return now
+
+
+def advanced(problem: Problem, start: FittedModel) -> FittedModel:
+    """Some way on to the top in parameters and random force.
+
+    Far from the top, what the parameters leave is a random force to the filter, which follows the motion all the same;
+    the nearer they come, the quieter it is, and the sharper the likelihood.
+    """
+    now = climb(problem, start, ROUGH)
+    return at(problem, now.layout, quieten(problem, now.layout, now.model))
+
+
+def settle(problem: Problem, start: FittedModel) -> FittedModel:
+    """The top of the likelihood in parameters and random force, from `start` on."""
+    now = start
+    for _ in range(PASSES):
+        before = now.objective
+        now = advanced(problem, now)
+        if now.objective - before < RISE:
+            break
+    return climb(problem, now)
+
+
+def finished(problem: Problem, start: FittedModel) -> FittedModel:
+    """The same with all levels of noise fitted."""
+    now = at(problem, start.layout, fit_noise(problem, start.layout, start.model))
+    return climb(problem, now)
+
+
+def fit(problem: Problem, effects: Effects) -> FittedModel:
+    """The model with these effects, from what is declared: on a beginning of the record first, where a wrong stiffness
+    has not lost count of the cycles, and then on more and more of it.
+    """
+    layout = Layout(problem, effects)
+    model = Model(effects, layout.mean, declared_noise(problem))
+    length = min(FIRST, len(problem.record))
+    while True:
+        part = problem.part(slice(0, length))
+        found = finished(part, settle(part, at(part, layout, quieten(part, layout, model))))
+        if length == len(problem.record):
+            return found
+        model, length = found.model, min(GROWTH * length, len(problem.record))

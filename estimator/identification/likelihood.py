@@ -1,0 +1,254 @@
+"""One pass of the filter over a record: innovations, their likelihood, and its derivatives by any parameters."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.core.following import Portion, Signatures, scan_block
+from estimator.core.layout import OUTPUT
+from estimator.effects.declaration import Effect, Parameter
+from estimator.observer import Observer
+from estimator.record import Record
+from estimator.scaling import Array
+from estimator.settings import Gain, ObserverSettings, Variant
+from estimator.side_by_side import stop_if_abandoned
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.start import begin_moving
+
+BLOCKS = 24
+"""Parts of a record whose scores are taken as independent: longer than the memory of any filter that follows."""
+JUMP = 4.0
+"""Innovations that are larger than so many times the usual power count less, in proportion (Huber)."""
+SHIFT = 1e-5
+"""Of a searched parameter, over which the innovations' difference is taken: small beside any curvature."""
+START_CYCLES = 3.0
+"""What the start of a filter tells depends on how it was begun: it does not count."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """What is assumed of the noise, times what is declared (1 for all of it) or, where nothing is, in its own unit.
+
+    sense: factor on the standard deviation of each channel; force [m/s²/√Hz]; rate [rad/s/√s].
+    """
+
+    sense: tuple[float, ...]
+    force: float
+    rate: float
+
+
+@dataclass(frozen=True)
+class Model:
+    """A model of the record: what is in it beside the base model, the value of each parameter, the noise.
+
+    effects: names, each with the parameters that are given, SI; theta: scaled constants, coefficients and searched
+    parameters, in the order of `Layout.names`.
+    """
+
+    effects: Effects
+    theta: Array
+    noise: Noise
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """A pass over a record.
+
+    score (blocks, k), information (blocks, k, k): of twice the log-likelihood's half by the parameters, scaled, by
+    part of the record, both at the noise that the pass assumed; power (blocks,) sum of squared whitened innovations;
+    logs (blocks,) of the logarithms of their deviations; count (blocks,) of innovations; innovation (n, axes) V and
+    its deviation, NaN where nothing was measured.
+    """
+
+    names: tuple[str, ...]
+    score: Array
+    information: Array
+    power: Array
+    logs: Array
+    count: Array
+    innovation: Array
+    deviation: Array
+
+    @property
+    def sound(self) -> bool:
+        """Whether the filter followed the motion to the end."""
+        return bool(np.isfinite(self.power).all() and np.isfinite(self.information).all() and self.count.sum() > 0)
+
+    @cached_property
+    def scale(self) -> float:
+        """Mean square of the whitened innovations: 1 where the noise is as assumed."""
+        return float(self.power.sum() / self.count.sum())
+
+    @cached_property
+    def log_likelihood(self) -> float:
+        """Of the record, concentrated over a common factor on all variances; −∞ for a pass that failed."""
+        if not self.sound or not self.scale > 0.0:
+            return -np.inf
+        n = float(self.count.sum())
+        return -0.5 * n * (np.log(2.0 * np.pi * self.scale) + 1.0) - float(self.logs.sum())
+
+
+class Layout:
+    """The parameters of a model on a problem: where each stands among the constants, its prior, its unit.
+
+    names (k,); index (c,) of the first c, constants and coefficients, among the observer's constants; searched: the
+    others, parameters of effects that no derivative is written of, each as (effect, parameter); mean, deviation (k,) of
+    the prior, scaled; factor (k,) SI of a scaled unit; owner (k,) the effect that has it, "" for the base model; least
+    (k,) what none goes below.
+    """
+
+    def __init__(self, problem: Problem, effects: Effects) -> None:
+        observer = _observer(problem, effects, None)
+        active = set(observer.active.tolist())
+        free = [i for i in range(len(observer.names) - observer.states) if i not in active]
+        base = len(observer.model.constants)
+        self.index = np.array(free, dtype=np.int64)
+        self.effects: tuple[Effect, ...] = tuple(effect for _, effect in observer.effects)
+        coefficients = [(effect.name, c) for effect in self.effects for c in effect.coefficients]
+        self.searched = tuple((e.name, p) for e in self.effects for p in e.parameters if is_searched(p, effects[e.name]))
+        spread = _spreads(observer, problem.settings)
+        self.owner = (
+            *("" if i < base else coefficients[i - base][0] for i in free), *(name for name, _ in self.searched)
+        )  # fmt: skip
+        self.names = (
+            *(observer.names[observer.states + i] for i in free), *(f"{p.name}" for _, p in self.searched)
+        )  # fmt: skip
+        units = [observer.scaling.coefficient(p) for _, p in self.searched]
+        values = [effects[name][p.name] / unit for (name, p), unit in zip(self.searched, units, strict=True)]
+        self.factor = np.array([*observer.factors[observer.states + self.index], *units])
+        self.mean = np.array([*observer.x[observer.states + self.index], *values])
+        known = [spread[i] if i < base else coefficients[i - base][1].plausible for i in free]
+        self.deviation = np.array([*known, *(abs(value) for value in values)])
+        lowest = [-np.inf if i < base else coefficients[i - base][1].least for i in free]
+        self.least = np.array([*lowest, *(1e-3 * value for value in values)])
+
+    def of(self, effect: str) -> list[int]:
+        """Places of an effect's coefficients and searched parameters."""
+        return [k for k, owner in enumerate(self.owner) if owner == effect]
+
+    def effects_of(self, model: "Model") -> Effects:
+        """The effects of a model with the searched parameters as they are in its theta, SI."""
+        effects = {name: dict(given) for name, given in model.effects.items()}
+        for k, (name, p) in enumerate(self.searched, start=len(self.index)):
+            effects[name][p.name] = float(model.theta[k] * self.factor[k])
+        return effects
+
+
+def is_searched(parameter: Parameter, given: Mapping[str, float]) -> bool:
+    """Whether a parameter is a number like any other: given for a start, and no choice of a few."""
+    return parameter.name in given and not parameter.choices and parameter.found_as is None
+
+
+def _spreads(observer: Observer, settings: ObserverSettings) -> Array:
+    """Scaled prior deviations of the base model's constants (all of them)."""
+    full = Observer(observer.device, replace(settings, variant=Variant.FULL, gain=Gain.EKF, effects={}))
+    return full.initial_deviations[full.states :]
+
+
+def _observer(problem: Problem, effects: Effects, noise: Noise | None, watched: Effects | None = None) -> Observer:
+    """The filter of a model: motion, sense offsets, rate, and constants that are declared to wander."""
+    settings = replace(problem.settings, variant=Variant.SENSE, gain=Gain.EKF, effects={**effects, **(watched or {})})
+    device = problem.device
+    if noise is not None:
+        process = replace(settings.process_noise, force=noise.force, rate=noise.rate)
+        settings = replace(settings, process_noise=process)
+        device = replace(device, noise=tuple(s * f for s, f in zip(device.noise, noise.sense, strict=True)))
+    return Observer(device, settings, watched=len(watched or {}), known=True)
+
+
+def evaluate(
+    problem: Problem, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+) -> Evaluation:
+    """A pass over the record of `problem`; with `derivatives` by the model's parameters and by the coefficients of
+    effects in `watched`, which are zero.
+
+    Raises ModelError as `Observer` does.
+    """
+    one = _Pass(problem, layout, model, layout.index if derivatives else layout.index[:0], watched or {})
+    others: list[tuple[_Pass, float]] = []
+    for k in range(len(layout.index), len(layout.names)) if derivatives else ():
+        theta, step = model.theta.copy(), SHIFT * float(abs(model.theta[k]))
+        theta[k] += step
+        others.append((_Pass(problem, layout, replace(model, theta=theta), layout.index[:0], {}), step))
+    names = [*(layout.names if derivatives else ()), *one.watched]
+    k, c = len(names), len(one.known)
+    score, information = np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k))
+    power, logs, count = np.zeros(BLOCKS), np.zeros(BLOCKS), np.zeros(BLOCKS)
+    edges = np.linspace(0, len(problem.record), BLOCKS + 1).astype(int)
+    for block, (begin, end) in enumerate(pairwise(edges.tolist())):
+        stop_if_abandoned()
+        own = one.advance(begin, end)
+        shifted = [(other.advance(begin, end)[:, 0] - own[:, -2]) / step for other, step in others]
+        columns = np.column_stack([own[:, :c], *shifted, own[:, c:-1]]) if shifted else own[:, :-1]
+        both = columns.T @ columns
+        # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
+        information[block], score[block], power[block] = both[:k, :k], -both[:k, k], both[k, k]
+        logs[block], count[block] = own[:, -1].sum(), len(own)
+    variance = one.rows["s"][:, : problem.device.axes]
+    return Evaluation(
+        tuple(names), score, information, power, logs, count,
+        np.where(one.seen, one.rows["nu"][:, : problem.device.axes] * one.observer.volts, np.nan),
+        np.sqrt(np.where(variance > 0.0, variance, np.nan)) * np.abs(one.observer.volts),
+    )  # fmt: skip
+
+
+class _Pass:
+    """A filter on its way over a record, with the sensitivities that it follows: of constants that it knows (indices
+    `known`), and of the coefficients of effects that it lacks.
+    """
+
+    def __init__(
+        self, problem: Problem, layout: Layout, model: Model, known: NDArray[np.int64], watched: Effects
+    ) -> None:
+        self.record, self.known = problem.record, known
+        self.observer = observer = _observer(problem, layout.effects_of(model), model.noise, watched)
+        observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
+        begin_moving(observer, problem.record)
+        lacking = observer.effects[observer.carried :]
+        self.watched = [effect.name for _, effect in lacking for _ in effect.coefficients]
+        record = problem.record
+        self.scaled = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
+        observer.allow_steps(float(np.max(self.scaled[2], initial=observer.h)), self.scaled[1].shape[2] - 1)
+        self.rows = np.zeros(len(record), OUTPUT)
+        self.delta = np.zeros((observer.states + len(observer.active), len(known) + len(self.watched)))
+        self.seen = np.isfinite(record.sense)
+        self.skip = int(np.ceil(START_CYCLES * 2.0 * np.pi / observer.h))
+        self.level = JUMP
+
+    def advance(self, begin: int, end: int) -> Array:
+        """Over one part of the record; whitened rows (m, k + 2) of the innovations that count: sensitivities, the
+        innovation, the logarithm of its deviation.
+        """
+        z, u, h, warmth = self.scaled
+        axes, k = self.observer.device.axes, self.delta.shape[1]
+        equations = np.zeros((axes * (end - begin), k + 2))
+        for start, stop, spread in _pieces(self.record, begin, end):
+            part, lines = slice(start, stop), slice(axes * (start - begin), axes * (stop - begin))
+            portion = Portion(z[part], u[part], h[part], warmth[part], self.rows[part])
+            nowhere: Array = np.zeros((0, k))
+            scan_block(
+                self.observer,
+                portion,
+                Signatures(self.delta, self.level, equations[lines], np.zeros(k), nowhere, self.known),
+            )
+            if spread is not None:
+                self.observer.unsettle(spread)
+        told = self.seen[begin:end].ravel() & (np.repeat(np.arange(begin, end), axes) >= self.skip)
+        counted = equations if told.all() else equations[told]
+        usual = float(np.median(counted[:, k] ** 2)) / 0.455 if len(counted) else 1.0
+        self.level = JUMP * max(1.0, usual) if np.isfinite(usual) else JUMP
+        return counted
+
+
+def _pieces(record: Record, begin: int, end: int) -> list[tuple[int, int, Array | None]]:
+    """A part of the record cut behind its gaps, each with what the gap at its end adds to the motion's covariance."""
+    gaps = None if record.gaps is None else record.gaps.part(slice(begin, end))
+    if gaps is None or not len(gaps):
+        return [(begin, end, None)]
+    cuts: dict[int, Array] = dict(zip((gaps.last + 1).tolist(), gaps.spread, strict=True))
+    stops = sorted({*cuts, end - begin})
+    return [(begin + a, begin + b, cuts.get(b)) for a, b in pairwise([0, *stops])]
