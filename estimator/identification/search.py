@@ -63,15 +63,15 @@ def search(problem: Problem, progress: Callable[[str, int, int], None] = lambda 
     for step in range(MOST):
         progress("effects", step, MOST)
         watched = candidates(problem, now)
-        table = score_test(problem, now, watched)
+        tables = scored(problem, now, watched)
         kinds = len({kind(name) for name in watched})
-        shortlist = _shortlist((table, *_sharper(problem, now, watched)))
+        shortlist = shortlisted(tables)
         ranked = _fitted(problem, now, shortlist)
         gain = ranked[0][1].objective - now.objective if ranked else 0.0
         taken = None
         if ranked and 2.0 * gain > penalty(_size(problem, ranked[0][0]), kinds, float(now.evaluation.count.sum())):
             taken = ranked[0][0]
-        rounds.append(Round(now, table, tuple(ranked), taken))
+        rounds.append(Round(now, tables[0], tuple(ranked), taken))
         if taken is None:
             break
         now = finished(problem, ranked[0][1])
@@ -100,20 +100,20 @@ def _size(problem: Problem, name: str) -> int:
     return len(effect_for(name, problem.device.axes, problem.device.own)[1].coefficients)
 
 
-def _sharper(problem: Problem, fitted: FittedModel, watched: Effects) -> tuple[ScoreTable, ...]:
-    """The scores at a quieter random force than the model leaves: there, effects look less alike.
-
-    None where the model leaves no more than is declared, or the filter loses the motion.
+def scored(problem: Problem, fitted: FittedModel, watched: Effects) -> tuple[ScoreTable, ...]:
+    """The scores of the effects beside a model; and where it leaves a random force larger than declared, the same at a
+    quieter one, where effects look less alike, unless the filter loses the motion there.
     """
+    table = score_test(problem, fitted, watched)
     noise, quietest = fitted.model.noise, declared_noise(problem).force
     if noise.force <= quietest * QUIETER:
-        return ()
+        return (table,)
     quieter = replace(fitted.model, noise=replace(noise, force=max(noise.force / QUIETER, quietest)))
     found = climb(problem, at(problem, fitted.layout, quieter))
-    return (score_test(problem, found, watched),) if found.evaluation.sound else ()
+    return (table, score_test(problem, found, watched)) if found.evaluation.sound else (table,)
 
 
-def _shortlist(tables: tuple[ScoreTable, ...]) -> list[Score]:
+def shortlisted(tables: tuple[ScoreTable, ...]) -> list[Score]:
     """The best of each kind, the largest gain first, from each of the tables in turn, as many as are fitted."""
     best: dict[str, Score] = {}
     orders = [[score for score in table.scores if score.gain > WORTH] for table in reversed(tables)]

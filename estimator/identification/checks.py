@@ -1,0 +1,177 @@
+"""What a fitted model has to stand before it is believed: a list of checks, each a name, a result and a sentence.
+
+A check looks at one thing and has one threshold.  None of them knows the others.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import chi2
+
+from estimator.effects.catalogue import effect_for
+from estimator.identification.fit import FittedModel
+from estimator.identification.likelihood import Evaluation
+from estimator.scaling import Array
+from estimator.trace.problem import Problem
+
+AT_FLOOR = 1.1
+"""Innovation over the noise floor, rms, that a complete model may leave: what the word promises."""
+RARE = 1e-4
+"""How often a check fails where all is well."""
+PRIOR = 4.5
+"""Deviations of its prior that a constant may be off: a bench file is not right to the letter."""
+DISTURBANCE = 0.02
+"""Share of the innovation's power that a random force may explain beside a complete model: a hundredth of the rms."""
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check: its name, whether it was passed, what it saw; effect: whom it concerns, "" for the model."""
+
+    name: str
+    passed: bool
+    sentence: str
+    effect: str = ""
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """What the checks look at.
+
+    model: fitted; base: without any of its effects; without: the model with each of its effects left out, fitted anew;
+    held_out: passes over the part held out, by the same names, "" of the model itself; base_held_out of the base;
+    floor_ratio: innovation over the noise floor there, as the bench's own observer has it with this model; disturbed:
+    the model with the random force that the record asks for, over the fitted part; quiet: with the declared one.
+    """
+
+    problem: Problem
+    model: FittedModel
+    base: FittedModel
+    without: dict[str, FittedModel]
+    held_out: Evaluation
+    held_out_without: dict[str, Evaluation]
+    floor_ratio: float
+    quiet: Evaluation
+    disturbed: Evaluation
+
+
+def held_out(seen: Evidence) -> list[Check]:
+    """Each effect makes the part that it was not fitted to more probable."""
+    checks = []
+    for name, without in seen.held_out_without.items():
+        gain = 2.0 * (seen.held_out.log_likelihood - without.log_likelihood)
+        # A coefficient that is right loses nothing; one that is noise loses a chi-square of its own.
+        checks.append(
+            Check(
+                "held out", gain > 0.0,
+                f"on the part held out, {name} gains {gain:.4g} in twice the log-likelihood", name,
+            )
+        )  # fmt: skip
+    return checks
+
+
+def sign(seen: Evidence) -> list[Check]:
+    """A coefficient that physics makes positive is not below zero by more than chance."""
+    checks = []
+    layout, deviation = seen.model.layout, deviations(seen.model)
+    for name in seen.without:
+        _, effect = effect_for(name, seen.problem.device.axes, seen.problem.device.own)
+        places = layout.of(name)[: len(effect.coefficients)]
+        for coefficient, k in zip(effect.coefficients, places, strict=True):
+            if not coefficient.positive:
+                continue
+            below = -seen.model.model.theta[k] / deviation[k]
+            checks.append(
+                Check(
+                    "sign", bool(below < 3.0),
+                    f"{coefficient.name} is {below:.3g} deviations below zero, which no such effect is" if below > 0.0
+                    else f"{coefficient.name} is positive, as it must be", name,
+                )
+            )  # fmt: skip
+    return checks
+
+
+def prior(seen: Evidence) -> list[Check]:
+    """The constants of the base model are where the bench file has them."""
+    layout = seen.model.layout
+    off = (seen.model.model.theta - layout.mean) / layout.deviation
+    deviation = deviations(seen.model) / layout.deviation
+    checks = []
+    for k, owner in enumerate(layout.owner):
+        if owner:
+            continue
+        distance = float(abs(off[k]))
+        sure = float(abs(off[k]) / np.hypot(1.0, deviation[k]))
+        checks.append(
+            Check(
+                "prior", sure < PRIOR,
+                f"{layout.names[k]} is {distance:.3g} of its declared deviations from the declared value",
+            )
+        )  # fmt: skip
+    return checks
+
+
+def constancy(seen: Evidence) -> list[Check]:
+    """An effect's coefficients are the same in all parts of the record: their scores scatter by no more than noise."""
+    evaluation, layout = seen.model.evaluation, seen.model.layout
+    checks = []
+    information = evaluation.information.sum(axis=0) / evaluation.scale + np.diag(layout.deviation**-2.0)
+    for name in seen.without:
+        rows = layout.of(name)
+        others = [k for k in range(len(layout.names)) if k not in rows]
+        taken = np.linalg.solve(information[np.ix_(others, others)], information[np.ix_(others, rows)])
+        left = evaluation.score[:, rows] / evaluation.scale - evaluation.score[:, others] / evaluation.scale @ taken
+        own = information[np.ix_(rows, rows)] - information[np.ix_(rows, others)] @ taken
+        power = float(np.einsum("bi,ij,bj->", left, np.linalg.pinv(own), left)) * len(left)
+        # Of each part, the score's power over its information: information is about even over the parts.
+        freedom = len(rows) * (len(left) - 1)
+        ratio = power / len(left) / len(rows)
+        limit = float(chi2.isf(RARE, freedom)) / freedom
+        checks.append(
+            Check("constancy", ratio < 2.0 * limit, f"the scores of {name} scatter by {ratio:.3g} × noise", name)
+        )
+    return checks
+
+
+def floor(seen: Evidence) -> list[Check]:
+    """What the model leaves on the part held out is the noise floor."""
+    return [
+        Check(
+            "noise floor", seen.floor_ratio < AT_FLOOR,
+            f"the innovation of the part held out is {seen.floor_ratio:.4g} × the noise floor",
+        )
+    ]  # fmt: skip
+
+
+def disturbance(seen: Evidence) -> list[Check]:
+    """No random force is left that explains a part of the innovation: what has no name stands in it."""
+    ratio = seen.disturbed.scale / seen.quiet.scale * np.exp(
+        2.0 * (seen.disturbed.logs.sum() - seen.quiet.logs.sum()) / seen.quiet.count.sum()
+    )
+    share = 1.0 - float(ratio)
+    return [
+        Check(
+            "disturbance", share < DISTURBANCE,
+            f"a random force without a name explains {share:.2%} of the innovation's power",
+        )
+    ]  # fmt: skip
+
+
+CHECKS: tuple[Callable[[Evidence], list[Check]], ...] = (held_out, sign, prior, constancy, floor, disturbance)
+
+
+def deviations(fitted: FittedModel) -> Array:
+    """Standard deviations (k,) of a model's parameters, scaled, as robust as the record asks for (`covariance`)."""
+    return np.asarray(np.sqrt(np.maximum(np.diagonal(covariance(fitted)), 0.0)))
+
+
+def covariance(fitted: FittedModel) -> Array:
+    """(k, k) of a model's parameters: the inverse of the information, times the scatter of the scores from part to part
+    of the record over what noise makes of them, where that is more (White, Econometrica 50, 1982, as one number).
+    """
+    inverse = np.linalg.inv(fitted.posterior_information)
+    scores = fitted.evaluation.score / fitted.evaluation.scale
+    scores = scores - scores.mean(axis=0)
+    scatter = float(np.trace(inverse @ (scores.T @ scores))) / len(inverse)
+    return np.asarray(inverse * max(scatter, 1.0))

@@ -1,0 +1,205 @@
+"""From a record to a diagnosis: fit, search, checks, words."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from estimator.diagnosis import Classes, Confusable, Diagnosis, Found, Interval, Rejected, Verdict
+from estimator.effects.catalogue import effect_for
+from estimator.errors import DivergedError
+from estimator.identification.ambiguity import members
+from estimator.identification.candidates import kind
+from estimator.identification.checks import CHECKS, Check, Evidence, covariance
+from estimator.identification.fit import FittedModel, at, climb, finished, settle
+from estimator.identification.likelihood import Evaluation, Model, evaluate
+from estimator.identification.noise import declared_noise
+from estimator.identification.search import Search, search, without_effect
+from estimator.scaling import Array
+from estimator.side_by_side import side_by_side
+from estimator.trace.angle import AngleReader
+from estimator.trace.axes import equations_on
+from estimator.trace.examination import Examination, examine
+from estimator.trace.fitness import require_traceable
+from estimator.trace.problem import Effects, Problem
+
+SEARCHED = 25_000
+"""Samples of the fitted part on which effects are chosen: what shows in more only is small."""
+REFINED = 100_000
+"""... and on which what was chosen is fitted: beyond, coefficients are surer than any model."""
+TWO_SIDED = 1.96
+
+Progress = Callable[[str, int, int], None]
+
+
+def trace(
+    problem: Problem, *, split: int, progress: Progress = lambda stage, done, total: None
+) -> Diagnosis:
+    """Choose effects on the samples before `split`, score them on the rest.
+
+    The observer of `problem` is the bench's; effects that it carries already stay.
+
+    Raises ModelError for a record that cannot be traced, with what to record instead.
+    """
+    require_traceable(problem.record, problem.device, split)
+    searched = problem.part(slice(0, min(split, SEARCHED)))
+    fitted = problem.part(slice(0, min(split, REFINED)))
+    later = problem.part(slice(split, min(len(problem.record), split + REFINED)))
+    found = search(searched, progress)
+    model = found.best
+    if len(fitted.record) > len(searched.record):
+        model = finished(fitted, settle(fitted, at(fitted, model.layout, model.model)))
+    base = at(fitted, found.base.layout, found.base.model)
+    progress("checks", 0, 1)
+    before = examine(carried(problem, found.base, problem.effects), split)
+    named = [name for name in model.model.effects if name not in problem.effects]
+    try:
+        after = examine(carried(problem, model, problem.effects), split) if named else before
+    except DivergedError:
+        after, named = before, []
+    evidence = _evidence(fitted, later, model, base, named, after)
+    checks = [check for checker in CHECKS for check in checker(evidence)]
+    groups = {name: members(searched, found, name) for name in named}
+    progress("checks", 1, 1)
+    return _diagnosis(problem, split, found, model, evidence, checks, groups, before, after)
+
+
+def carried(problem: Problem, fitted: FittedModel, known: Effects) -> Problem:
+    """The bench's problem with the effects of a fitted model, at their coefficients."""
+    return problem.carrying({**known, **effects_of(fitted)})
+
+
+def effects_of(fitted: FittedModel) -> dict[str, dict[str, float]]:
+    """Effects with coefficients and parameters, SI."""
+    layout, model = fitted.layout, fitted.model
+    effects = {name: dict(given) for name, given in layout.effects_of(model).items()}
+    for k, (owner, name) in enumerate(zip(layout.owner, layout.names, strict=True)):
+        if owner:
+            effects[owner][name.partition(":")[0]] = float(model.theta[k] * layout.factor[k])
+    return effects
+
+
+def _evidence(
+    fitted: Problem, later: Problem, model: FittedModel, base: FittedModel, named: list[str], after: Examination
+) -> Evidence:
+    without = {
+        name: one
+        for name, one in zip(
+            named, side_by_side([partial(without_effect, fitted, model, name) for name in named]), strict=True
+        )
+    }
+
+    def over_later(one: FittedModel) -> Evaluation:
+        return evaluate(later, one.layout, one.model, derivatives=False)
+
+    declared = declared_noise(fitted)
+    quiet = replace(model.model, noise=replace(model.model.noise, force=declared.force))
+    return Evidence(
+        fitted, model, base, without, over_later(model), {name: over_later(one) for name, one in without.items()},
+        after.held_out.ratio,
+        evaluate(fitted, model.layout, quiet, derivatives=False),
+        evaluate(fitted, model.layout, model.model, derivatives=False),
+    )  # fmt: skip
+
+
+def verdict_of(named: list[str], checks: list[Check]) -> Verdict:
+    """The word for what the checks say."""
+    failed = [check for check in checks if not check.passed]
+    of_floor = [check for check in failed if check.name in ("noise floor", "disturbance")]
+    if not named:
+        return Verdict.UNEXPLAINED if of_floor else Verdict.ADEQUATE
+    if not failed:
+        return Verdict.EXPLAINED
+    return Verdict.UNEXPLAINED if any(check.effect for check in failed) else Verdict.PARTLY
+
+
+def _diagnosis(
+    problem: Problem, split: int, found: Search, model: FittedModel, evidence: Evidence, checks: list[Check],
+    groups: Mapping[str, list[tuple[str, float, float]]], before: Examination, after: Examination,
+) -> Diagnosis:  # fmt: skip
+    named = list(evidence.without)
+    verdict = verdict_of(named, checks)
+    spread = covariance(model)
+    reader = AngleReader(problem.part(slice(0, split)))
+    effects = tuple(_found(problem, name, model, spread, evidence, reader) for name in named)
+    reasons = tuple(check.sentence for check in checks if not check.passed or check.name in ("noise floor", "held out"))
+    alike = tuple(
+        Confusable(kind(name), kind(other), likeness, None, None, None, None, None, None)
+        for name in named
+        for other, likeness, _ in groups[name]
+    )
+    floor = before.held_out.noise_floor
+    was, now = (float(np.mean(np.square(one.held_out.innovation_rms) / np.square(floor))) for one in (before, after))
+    share = 1.0 - max(now - 1.0, 0.0) / (was - 1.0) if named and was > 1.0 else None
+    return Diagnosis(
+        verdict=verdict, effects=effects, confusable=alike, rejected=_rejected(found, named), findings=before.findings,
+        before=before.fitted, after=after.fitted, held_out_before=before.held_out, held_out_after=after.held_out,
+        residual_before=before.residual, residual_after=after.residual, split=split, reasons=reasons,
+        angle_moved=None, share=share, left=after.findings if verdict is Verdict.PARTLY else (),
+        probabilities=_probabilities(evidence, groups, found),
+    ).of_what_is_named()  # fmt: skip
+
+
+def _found(
+    problem: Problem, name: str, model: FittedModel, spread: Array, evidence: Evidence, reader: AngleReader
+) -> Found:
+    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+    layout = model.layout
+    units = {c.name: c.unit for c in effect.coefficients} | {p.name: p.unit for p in effect.parameters}
+    intervals = {}
+    for k in layout.of(name):
+        value = float(model.model.theta[k] * layout.factor[k])
+        half = TWO_SIDED * float(np.sqrt(spread[k, k])) * abs(float(layout.factor[k]))
+        intervals[layout.names[k].partition(":")[0]] = Interval(value, value - half, value + half, units[layout.names[k]])
+    gain = 2.0 * (model.objective - evidence.without[name].objective)
+    return Found(
+        name=kind(name), title=effect.title, equation=equations_on(effect, problem.device.axes),
+        coefficients=intervals, evidence=gain, undone=effect.undone.value, angle_bound=None,
+    )  # fmt: skip
+
+
+def _probabilities(
+    evidence: Evidence, groups: Mapping[str, list[tuple[str, float, float]]], found: Search
+) -> tuple[Classes, ...]:
+    """How probable each account of the record is: likelihoods less what their coefficients cost (Schwarz, 1978)."""
+    samples = float(evidence.model.evaluation.count.sum())
+    price = 2.0 * float(np.log(samples))
+    other = samples * float(np.log(evidence.quiet.scale / evidence.disturbed.scale)) - 2.0 * float(
+        evidence.disturbed.logs.sum() - evidence.quiet.logs.sum()
+    )
+    if not evidence.without:
+        last = found.rounds[-1]
+        gains = {kind(name): 2.0 * (one.objective - last.base.objective) - price for name, one in last.fitted}
+        return (_classes(None, {"nothing": 0.0, "something else": other - price, **gains}),)
+    classes = []
+    for name, without in evidence.without.items():
+        gain = 2.0 * (evidence.model.objective - without.objective) - price
+        weights = {"nothing": 0.0, kind(name): gain, "something else": gain + other - price}
+        weights |= {kind(rival): gain - deficit for rival, _, deficit in groups[name]}
+        classes.append(_classes(kind(name), weights))
+    return tuple(classes)
+
+
+def _classes(effect: str | None, gains: Mapping[str, float]) -> Classes:
+    top = max(gains.values())
+    weights = {name: float(np.exp(0.5 * (gain - top))) for name, gain in gains.items()}
+    total = sum(weights.values())
+    return Classes(effect, dict(sorted(((n, w / total) for n, w in weights.items()), key=lambda item: -item[1])))
+
+
+def _rejected(found: Search, named: list[str]) -> tuple[Rejected, ...]:
+    rejected: dict[str, Rejected] = {}
+    first, last = found.rounds[0].table, found.rounds[-1].table
+    fitted = {name: 2.0 * (one.objective - found.rounds[-1].base.objective) for name, one in found.rounds[-1].fitted}
+    kinds = {kind(name) for name in named}
+    for score in last.scores:
+        alone = first.of(score.name)
+        which = kind(score.name)
+        if which in kinds or which in rejected:
+            continue
+        rejected[which] = Rejected(
+            which, f"gains {fitted.get(score.name, score.gain):.4g} in twice the log-likelihood: less than chance",
+            {}, None if alone is None else alone.gain, fitted.get(score.name),
+        )  # fmt: skip
+    return tuple(rejected.values())
