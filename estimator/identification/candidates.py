@@ -10,7 +10,7 @@ import numpy as np
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Effect, Parameter, Source
 from estimator.effects.search import Search
-from estimator.identification.fit import FittedModel
+from estimator.identification.likelihood import Evaluation
 from estimator.observer import senses_allow
 from estimator.scaling import Scaling
 from estimator.trace.candidates import _of_lines, _of_modes, _of_thresholds
@@ -29,21 +29,21 @@ def kind(name: str) -> str:
     return name.partition(":")[0]
 
 
-def candidates(problem: Problem, fitted: FittedModel) -> Effects:
+def candidates(problem: Problem, included: Effects, seen: Evaluation) -> Effects:
     """Effects that are not in the model, each with its parameters, SI; with a label where it has several starts.
 
     A line or a mode may be there more than once.
     """
-    starts = _starts(problem, fitted)
-    included = {kind(name) for name in fitted.model.effects}
+    starts = _starts(problem, seen)
+    kinds = {kind(name) for name in included}
     found = {}
     for effect in _possible(problem):
         several = effect.search in (Search.LINES, Search.MODES)
-        if effect.name in included and not several:
+        if effect.name in kinds and not several:
             continue
         for label, given in _given(problem, effect, starts):
             name = f"{effect.name}:{label}" if label else effect.name
-            if name not in fitted.model.effects:
+            if name not in included:
                 found[name] = given
     return found
 
@@ -61,9 +61,9 @@ def _possible(problem: Problem) -> Iterator[Effect]:
         yield effect
 
 
-def _starts(problem: Problem, fitted: FittedModel) -> dict[Search, Starts]:
+def _starts(problem: Problem, seen: Evaluation) -> dict[Search, Starts]:
     """Where the record suggests frequencies, corners and thresholds, SI."""
-    record, device, seen = problem.record, problem.device, fitted.evaluation
+    record, device = problem.record, problem.device
     omega0 = float(np.sqrt(device.target))
     with np.errstate(invalid="ignore"):
         whitened = seen.innovation / seen.deviation

@@ -9,11 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import chi2
 
-from estimator.effects.catalogue import effect_for
 from estimator.identification.fit import FittedModel
-from estimator.identification.likelihood import Evaluation
+from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.scaling import Array
-from estimator.trace.problem import Problem
 
 AT_FLOOR = 1.1
 """Innovation over the noise floor, rms, that a complete model may leave: what the word promises."""
@@ -39,15 +37,14 @@ class Check:
 class Evidence:
     """What the checks look at.
 
-    model: fitted; base: without any of its effects; without: the model with each of its effects left out, fitted anew;
-    held_out: passes over the part held out, by the same names, "" of the model itself; base_held_out of the base;
-    floor_ratio: innovation over the noise floor there, as the bench's own observer has it with this model; disturbed:
-    the model with the random force that the record asks for, over the fitted part; quiet: with the declared one.
+    model: fitted; without: the same with each of its effects left out, fitted anew; held_out, held_out_without: passes
+    of these over the part held out; floor_ratio: innovation over the noise floor there, as the bench's own observer has
+    it with this model; quiet, disturbed: passes over the fitted part with the random force that is declared, and with
+    the one that the record asks for.
     """
 
-    problem: Problem
+    of: Likelihood
     model: FittedModel
-    base: FittedModel
     without: dict[str, FittedModel]
     held_out: Evaluation
     held_out_without: dict[str, Evaluation]
@@ -76,7 +73,7 @@ def sign(seen: Evidence) -> list[Check]:
     checks = []
     layout, deviation = seen.model.layout, deviations(seen.model)
     for name in seen.without:
-        _, effect = effect_for(name, seen.problem.device.axes, seen.problem.device.own)
+        effect = seen.of.effect(name)
         places = layout.of(name)[: len(effect.coefficients)]
         for coefficient, k in zip(effect.coefficients, places, strict=True):
             if not coefficient.positive:
@@ -146,8 +143,10 @@ def floor(seen: Evidence) -> list[Check]:
 
 def disturbance(seen: Evidence) -> list[Check]:
     """No random force is left that explains a part of the innovation: what has no name stands in it."""
-    ratio = seen.disturbed.scale / seen.quiet.scale * np.exp(
-        2.0 * (seen.disturbed.logs.sum() - seen.quiet.logs.sum()) / seen.quiet.count.sum()
+    ratio = (
+        seen.disturbed.scale
+        / seen.quiet.scale
+        * np.exp(2.0 * (seen.disturbed.logs.sum() - seen.quiet.logs.sum()) / seen.quiet.count.sum())
     )
     share = 1.0 - float(ratio)
     return [

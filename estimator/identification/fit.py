@@ -4,10 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.identification.likelihood import Evaluation, Layout, Model, evaluate
-from estimator.identification.noise import declared_noise, fit_noise, quieten
+from estimator.identification.likelihood import Evaluation, Layout, Likelihood, Model
 from estimator.scaling import Array
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Effects
 
 PASSES = 12
 """Gauss–Newton converges in three to six; more are a fit that has no top nearby."""
@@ -45,9 +44,9 @@ class FittedModel:
         return self.evaluation.score.sum(axis=0) / self.evaluation.scale - pull
 
 
-def at(problem: Problem, layout: Layout, model: Model) -> FittedModel:
+def at(of: Likelihood, layout: Layout, model: Model) -> FittedModel:
     """A model where it stands."""
-    evaluation = evaluate(problem, layout, model)
+    evaluation = of.evaluate(layout, model)
     return FittedModel(layout, model, evaluation, _penalised(layout, model, evaluation), converged=False)
 
 
@@ -56,7 +55,7 @@ def _penalised(layout: Layout, model: Model, evaluation: Evaluation) -> float:
     return evaluation.log_likelihood - 0.5 * float(pull @ pull)
 
 
-def climb(problem: Problem, start: FittedModel, passes: int = PASSES) -> FittedModel:
+def climb(of: Likelihood, start: FittedModel, passes: int = PASSES) -> FittedModel:
     """The top next to `start`, at the noise that `start` has."""
     now, damping = start, 0.0
     for _ in range(passes):
@@ -71,7 +70,7 @@ def climb(problem: Problem, start: FittedModel, passes: int = PASSES) -> FittedM
         if 0.5 * float(score @ step) < SETTLED:
             return replace(now, converged=True)
         theta = np.maximum(now.model.theta + step, now.layout.least)
-        moved = at(problem, now.layout, replace(now.model, theta=theta))
+        moved = at(of, now.layout, replace(now.model, theta=theta))
         if moved.objective > now.objective:
             now, damping = moved, damping / 10.0 if damping > 1e-3 else 0.0
         else:
@@ -81,43 +80,43 @@ def climb(problem: Problem, start: FittedModel, passes: int = PASSES) -> FittedM
     return now
 
 
-def advanced(problem: Problem, start: FittedModel) -> FittedModel:
+def advanced(of: Likelihood, start: FittedModel) -> FittedModel:
     """Some way on to the top in parameters and random force.
 
     Far from the top, what the parameters leave is a random force to the filter, which follows the motion all the same;
     the nearer they come, the quieter it is, and the sharper the likelihood.
     """
-    now = climb(problem, start, ROUGH)
-    return at(problem, now.layout, quieten(problem, now.layout, now.model))
+    now = climb(of, start, ROUGH)
+    return at(of, now.layout, of.quieten(now.layout, now.model))
 
 
-def settle(problem: Problem, start: FittedModel) -> FittedModel:
+def settle(of: Likelihood, start: FittedModel) -> FittedModel:
     """The top of the likelihood in parameters and random force, from `start` on."""
     now = start
     for _ in range(PASSES):
         before = now.objective
-        now = advanced(problem, now)
+        now = advanced(of, now)
         if now.objective - before < RISE:
             break
-    return climb(problem, now)
+    return climb(of, now)
 
 
-def finished(problem: Problem, start: FittedModel) -> FittedModel:
+def finished(of: Likelihood, start: FittedModel) -> FittedModel:
     """The same with all levels of noise fitted."""
-    now = at(problem, start.layout, fit_noise(problem, start.layout, start.model))
-    return climb(problem, now)
+    now = at(of, start.layout, of.fit_noise(start.layout, start.model))
+    return climb(of, now)
 
 
-def fit(problem: Problem, effects: Effects) -> FittedModel:
+def fit(of: Likelihood, effects: Effects) -> FittedModel:
     """The model with these effects, from what is declared: on a beginning of the record first, where a wrong stiffness
     has not lost count of the cycles, and then on more and more of it.
     """
-    layout = Layout(problem, effects)
-    model = Model(effects, layout.mean, declared_noise(problem))
-    length = min(FIRST, len(problem.record))
+    layout = of.layout(effects)
+    model = Model(effects, layout.mean, of.declared_noise())
+    length = min(FIRST, of.samples)
     while True:
-        part = problem.part(slice(0, length))
-        found = finished(part, settle(part, at(part, layout, quieten(part, layout, model))))
-        if length == len(problem.record):
-            return found
-        model, length = found.model, min(GROWTH * length, len(problem.record))
+        part = of.part(slice(0, length))
+        found = settle(part, at(part, layout, part.quieten(layout, model)))
+        if length == of.samples:
+            return finished(part, found)
+        model, length = found.model, min(GROWTH * length, of.samples)

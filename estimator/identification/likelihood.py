@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.core.following import Portion, Signatures, scan_block
 from estimator.core.layout import OUTPUT
-from estimator.effects.declaration import Effect, Parameter
+from estimator.effects.declaration import Effect, Parameter, name_of
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
@@ -109,7 +110,9 @@ class Layout:
         self.index = np.array(free, dtype=np.int64)
         self.effects: tuple[Effect, ...] = tuple(effect for _, effect in observer.effects)
         coefficients = [(effect.name, c) for effect in self.effects for c in effect.coefficients]
-        self.searched = tuple((e.name, p) for e in self.effects for p in e.parameters if is_searched(p, effects[e.name]))
+        self.searched = tuple(
+            (e.name, p) for e in self.effects for p in e.parameters if is_searched(p, effects[e.name])
+        )
         spread = _spreads(observer, problem.settings)
         self.owner = (
             *("" if i < base else coefficients[i - base][0] for i in free), *(name for name, _ in self.searched)
@@ -140,7 +143,7 @@ class Layout:
 
 def is_searched(parameter: Parameter, given: Mapping[str, float]) -> bool:
     """Whether a parameter is a number like any other: given for a start, and no choice of a few."""
-    return parameter.name in given and not parameter.choices and parameter.found_as is None
+    return parameter.name in given and not parameter.choices and not name_of(parameter, "found_as")
 
 
 def _spreads(observer: Observer, settings: ObserverSettings) -> Array:
@@ -160,11 +163,54 @@ def _observer(problem: Problem, effects: Effects, noise: Noise | None, watched: 
     return Observer(device, settings, watched=len(watched or {}), known=True)
 
 
+class Likelihood(Protocol):
+    """A record and the model that is held against it: all that fit, score test, search and checks know of either.
+
+    effects: what is declared beside the base model, by name; axes, samples of the record.
+    """
+
+    @property
+    def effects(self) -> Effects: ...
+
+    @property
+    def axes(self) -> int: ...
+
+    @property
+    def samples(self) -> int: ...
+
+    def part(self, rows: slice) -> "Likelihood":
+        """The same of these samples only."""
+
+    def layout(self, effects: Effects) -> Layout:
+        """The parameters of the model with these effects, their priors and units."""
+
+    def effect(self, name: str) -> Effect:
+        """Declaration of an effect, by its name with a label."""
+
+    def declared_noise(self) -> Noise:
+        """The noise as it is declared."""
+
+    def quieten(self, layout: Layout, model: Model) -> Model:
+        """The model with about the disturbance that makes the record most probable."""
+
+    def fit_noise(self, layout: Layout, model: Model) -> Model:
+        """The model with the noise that makes the record most probable."""
+
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
+        """Effects that are not in a model, each with its parameters, SI."""
+
+    def evaluate(
+        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+    ) -> Evaluation:
+        """A pass over the record; with `derivatives` by the model's parameters and by the coefficients of effects in
+        `watched`, which are zero.
+        """
+
+
 def evaluate(
     problem: Problem, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
 ) -> Evaluation:
-    """A pass over the record of `problem`; with `derivatives` by the model's parameters and by the coefficients of
-    effects in `watched`, which are zero.
+    """`Likelihood.evaluate` of a driven gyro or oscillator, by its filter.
 
     Raises ModelError as `Observer` does.
     """

@@ -11,12 +11,11 @@ from itertools import count
 import numpy as np
 
 from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
-from estimator.effects.catalogue import effect_for
 from estimator.identification.fit import FittedModel
-from estimator.identification.likelihood import Evaluation, evaluate
+from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Effects
 
 
 @dataclass(frozen=True)
@@ -68,38 +67,35 @@ def _whitener(information: Array) -> Array:
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T)
 
 
-def score_test(problem: Problem, fitted: FittedModel, watched: Effects) -> ScoreTable:
+def score_test(of: Likelihood, fitted: FittedModel, watched: Effects) -> ScoreTable:
     """The scores of `watched` beside a fitted model, each with a prior of its plausible size."""
-    shares = _shares(problem, watched, len(fitted.layout.effects))
+    shares = _shares(of, watched, len(fitted.layout.effects))
     passes = side_by_side(
-        [lambda share=share: evaluate(problem, fitted.layout, fitted.model, watched=share) for share in shares]
+        [lambda share=share: of.evaluate(fitted.layout, fitted.model, watched=share) for share in shares]
     )
     own = len(fitted.layout.names)
     joined = _joined(passes, own)
     names = [name for one in passes for name in one.names[own:]]
-    sizes = [
-        c.plausible
-        for share in shares
-        for name in share
-        for c in effect_for(name, problem.device.axes, problem.device.own)[1].coefficients
-    ]
+    sizes = [c.plausible for share in shares for name in share for c in of.effect(name).coefficients]
     scale = fitted.evaluation.scale
     prior = np.diag(fitted.layout.deviation**-2.0)
     blocks = _projected(joined.information / scale, joined.score / scale, prior, own)
-    information, score = (part.sum(axis=0) for part in blocks)
+    information = blocks[0].sum(axis=0)
     columns: dict[str, list[int]] = {}
     for k, name in zip(count(), names):
         columns.setdefault(name, []).append(k)
-    scores = [_score(name, columns[name], *blocks, np.array(sizes), watched[name]) for name in watched if name in columns]
+    scores = [
+        _score(name, columns[name], *blocks, np.array(sizes), watched[name]) for name in watched if name in columns
+    ]
     return ScoreTable(tuple(sorted(scores, key=lambda one: -one.gain)), columns, information)
 
 
-def _shares(problem: Problem, watched: Effects, included: int) -> list[Effects]:
+def _shares(of: Likelihood, watched: Effects, included: int) -> list[Effects]:
     """The effects in as many passes as they need, and two where two may run at a time."""
     shares: list[dict[str, Mapping[str, float]]] = [{}, {}]
     signals = [0, 0]
     for name, given in watched.items():
-        wanted = len(effect_for(name, problem.device.axes, problem.device.own)[1].signals)
+        wanted = len(of.effect(name).signals)
         at = int(np.argmin([len(share) for share in shares]))
         if len(shares[at]) + included + 2 > MAX_EFFECTS or signals[at] + wanted > MAX_SIGNALS - 16:
             shares.append({})
@@ -126,11 +122,16 @@ def _joined(passes: list[Evaluation], own: int) -> Evaluation:
     for one, size in zip(passes, sizes, strict=True):
         part = slice(begin, begin + size)
         information[:, part, part] = one.information[:, own:, own:]
-        information[:, :own, part], information[:, part, :own] = one.information[:, :own, own:], one.information[:, own:, :own]
+        information[:, :own, part], information[:, part, :own] = (
+            one.information[:, :own, own:],
+            one.information[:, own:, :own],
+        )
         score[:, part] = one.score[:, own:]
         begin += size
     names = (*first.names[:own], *(name for one in passes for name in one.names[own:]))
-    return Evaluation(names, score, information, first.power, first.logs, first.count, first.innovation, first.deviation)
+    return Evaluation(
+        names, score, information, first.power, first.logs, first.count, first.innovation, first.deviation
+    )
 
 
 def _projected(information: Array, score: Array, prior: Array, own: int) -> tuple[Array, Array]:
@@ -141,7 +142,9 @@ def _projected(information: Array, score: Array, prior: Array, own: int) -> tupl
     return np.einsum("ka,bkl,lc->bac", left, information, left, optimize=True), score @ left
 
 
-def _score(name: str, rows: list[int], information: Array, score: Array, sizes: Array, given: Mapping[str, float]) -> Score:
+def _score(
+    name: str, rows: list[int], information: Array, score: Array, sizes: Array, given: Mapping[str, float]
+) -> Score:
     whole, slope = information.sum(axis=0)[np.ix_(rows, rows)], score.sum(axis=0)[rows]
     with_prior = whole + np.diag(sizes[rows] ** -2.0)
     try:

@@ -2,24 +2,28 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 
 import numpy as np
 
-from estimator.effects.catalogue import EFFECTS, effect_for
-from estimator.identification.candidates import candidates, kind
+from estimator.effects.catalogue import EFFECTS
+from estimator.identification.candidates import kind
 from estimator.identification.fit import FittedModel, advanced, at, climb, finished, fit, settle
-from estimator.identification.likelihood import Layout, Model
-from estimator.identification.noise import declared_noise, quieten
+from estimator.identification.likelihood import Layout, Likelihood, Model
 from estimator.identification.score_test import Score, ScoreTable, score_test
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Effects
 
 SHORTLIST = 6
 """Kinds of effects that are fitted in a round: the score test has the right one among the first few."""
-FINALISTS = 3
-"""Candidates of a round that are fitted to their top."""
+QUICK = 8_000
+"""Samples on which the shortlist is fitted first."""
+FINALISTS, CLEAR = 3, 30.0
+"""Candidates of a round that are fitted to the whole, and the lead in twice the log-likelihood beyond which there is no
+second.
+"""
 MOST = 4
 """Effects that a model may have beside the declared: nobody believes a fifth."""
 CHANCE = 1e-3
@@ -56,61 +60,84 @@ def penalty(coefficients: int, kinds: int, samples: float) -> float:
     return coefficients * float(np.log(samples)) + 2.0 * float(np.log(kinds / CHANCE))
 
 
-def search(problem: Problem, progress: Callable[[str, int, int], None] = lambda stage, done, total: None) -> Search:
+def search(of: Likelihood, progress: Callable[[str, int, int], None] = lambda stage, done, total: None) -> Search:
     """Effects added while the best of the candidates gains more than the penalty, and taken out where they do not."""
-    base = now = fit(problem, problem.effects)
+    base = now = fit(of, of.effects)
     rounds: list[Round] = []
     for step in range(MOST):
         progress("effects", step, MOST)
-        watched = candidates(problem, now)
-        tables = scored(problem, now, watched)
+        watched = of.candidates(now.model, now.evaluation)
+        tables = scored(of, now, watched)
         kinds = len({kind(name) for name in watched})
         shortlist = shortlisted(tables)
-        ranked = _fitted(problem, now, shortlist)
+        ranked = _fitted(of, now, shortlist)
         gain = ranked[0][1].objective - now.objective if ranked else 0.0
         taken = None
-        if ranked and 2.0 * gain > penalty(_size(problem, ranked[0][0]), kinds, float(now.evaluation.count.sum())):
+        if ranked and 2.0 * gain > penalty(_size(of, ranked[0][0]), kinds, float(now.evaluation.count.sum())):
             taken = ranked[0][0]
         rounds.append(Round(now, tables[0], tuple(ranked), taken))
         if taken is None:
             break
-        now = finished(problem, ranked[0][1])
-    return Search(base, backward(problem, now, len(EFFECTS)), tuple(rounds))
+        now = finished(of, ranked[0][1])
+    return Search(base, backward(of, now, len(EFFECTS)), tuple(rounds))
 
 
-def _fitted(problem: Problem, base: FittedModel, shortlist: list[Score]) -> list[tuple[str, FittedModel]]:
-    """The candidates, each joined to the model and fitted, the best first; those that fall behind are not fitted to
-    their top.
+def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[tuple[str, FittedModel]]:
+    """The candidates, each joined to the model and fitted, the best first.
+
+    On a beginning of the record first: those that are far behind there are not fitted to the whole, unless the score
+    test has them first, as an effect that shows in a long record only.
     """
-    begun = side_by_side([lambda score=score: with_effect(problem, base, score) for score in shortlist])
-    ranked = sorted(zip([score.name for score in shortlist], begun, strict=True), key=lambda p: -_standing(problem, *p))
-    ahead = ranked[:FINALISTS]
-    done = side_by_side([lambda model=model: settle(problem, model) for _, model in ahead])
-    settled = sorted(zip([name for name, _ in ahead], done, strict=True), key=lambda p: -_standing(problem, *p))
-    return [*settled, *ranked[FINALISTS:]]
+    quick = of.part(slice(0, QUICK))
+    start = at(quick, base.layout, base.model)
+    tried = side_by_side([partial(with_effect, quick, start, score) for score in shortlist])
+    ranked = sorted(zip(shortlist, tried, strict=True), key=lambda pair: -_standing(of, pair[0].name, pair[1]))
+    ahead = [
+        (score, one)
+        for place, (score, one) in enumerate(ranked)
+        if score is shortlist[0]
+        or (place < FINALISTS and _standing(of, score.name, one) > _standing(of, *_named(ranked[0])) - CLEAR)
+    ]
+    done = side_by_side([partial(_on_the_whole, of, base, score, one) for score, one in ahead])
+    pairs = zip([score.name for score, _ in ahead], done, strict=True)
+    return sorted(pairs, key=lambda pair: -_standing(of, *pair))
 
 
-def _standing(problem: Problem, name: str, fitted: FittedModel) -> float:
+def _named(pair: tuple[Score, FittedModel]) -> tuple[str, FittedModel]:
+    return pair[0].name, pair[1]
+
+
+def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: FittedModel) -> FittedModel:
+    """A candidate that was fitted to a beginning of the record, on all of it; from the size that the score test tells
+    where that beginning had nothing of it.
+    """
+    found = settle(of, at(of, quick.layout, quick.model))
+    if found.objective > base.objective or not found.evaluation.sound:
+        return found
+    return settle(of, with_effect(of, base, score))
+
+
+def _standing(of: Likelihood, name: str, fitted: FittedModel) -> float:
     """Twice the log-likelihood, less what the coefficients cost."""
     samples = float(fitted.evaluation.count.sum())
-    return 2.0 * fitted.objective - _size(problem, name) * float(np.log(samples))
+    return 2.0 * fitted.objective - _size(of, name) * float(np.log(samples))
 
 
-def _size(problem: Problem, name: str) -> int:
-    return len(effect_for(name, problem.device.axes, problem.device.own)[1].coefficients)
+def _size(of: Likelihood, name: str) -> int:
+    return len(of.effect(name).coefficients)
 
 
-def scored(problem: Problem, fitted: FittedModel, watched: Effects) -> tuple[ScoreTable, ...]:
+def scored(of: Likelihood, fitted: FittedModel, watched: Effects) -> tuple[ScoreTable, ...]:
     """The scores of the effects beside a model; and where it leaves a random force larger than declared, the same at a
     quieter one, where effects look less alike, unless the filter loses the motion there.
     """
-    table = score_test(problem, fitted, watched)
-    noise, quietest = fitted.model.noise, declared_noise(problem).force
+    table = score_test(of, fitted, watched)
+    noise, quietest = fitted.model.noise, of.declared_noise().force
     if noise.force <= quietest * QUIETER:
         return (table,)
     quieter = replace(fitted.model, noise=replace(noise, force=max(noise.force / QUIETER, quietest)))
-    found = climb(problem, at(problem, fitted.layout, quieter))
-    return (table, score_test(problem, found, watched)) if found.evaluation.sound else (table,)
+    found = climb(of, at(of, fitted.layout, quieter))
+    return (table, score_test(of, found, watched)) if found.evaluation.sound else (table,)
 
 
 def shortlisted(tables: tuple[ScoreTable, ...]) -> list[Score]:
@@ -124,21 +151,21 @@ def shortlisted(tables: tuple[ScoreTable, ...]) -> list[Score]:
     return list(best.values())[:SHORTLIST]
 
 
-def with_effect(problem: Problem, fitted: FittedModel, score: Score) -> FittedModel:
+def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:
     """The model with one more effect, from the size that the score test tells."""
     effects = {**fitted.layout.effects_of(fitted.model), score.name: score.given}
-    layout = Layout(problem, effects)
+    layout = of.layout(effects)
     theta = layout.mean.copy()
     _carry_over(fitted, layout, theta)
     for k, size in zip(layout.of(score.name), score.size, strict=False):
         theta[k] = max(size, layout.least[k])
     model = Model(effects, theta, fitted.model.noise)
-    begun = climb(problem, at(problem, layout, model), 3)
+    begun = climb(of, at(of, layout, model), 3)
     if not begun.evaluation.sound or begun.objective < fitted.objective:
         for k in layout.of(score.name)[: len(score.size)]:
             theta[k] = layout.mean[k]
-        begun = climb(problem, at(problem, layout, replace(model, theta=theta)), 6)
-    return advanced(problem, at(problem, layout, quieten(problem, layout, begun.model)))
+        begun = climb(of, at(of, layout, replace(model, theta=theta)), 6)
+    return advanced(of, at(of, layout, of.quieten(layout, begun.model)))
 
 
 def _carry_over(fitted: FittedModel, layout: Layout, theta: Array) -> None:
@@ -148,25 +175,25 @@ def _carry_over(fitted: FittedModel, layout: Layout, theta: Array) -> None:
         theta[k] = known.get(key, theta[k])
 
 
-def without_effect(problem: Problem, fitted: FittedModel, name: str) -> FittedModel:
+def without_effect(of: Likelihood, fitted: FittedModel, name: str) -> FittedModel:
     """The model with one effect less, fitted anew."""
     effects = {other: given for other, given in fitted.layout.effects_of(fitted.model).items() if other != name}
-    layout = Layout(problem, effects)
+    layout = of.layout(effects)
     theta = layout.mean.copy()
     _carry_over(fitted, layout, theta)
-    return settle(problem, at(problem, layout, Model(effects, theta, fitted.model.noise)))
+    return settle(of, at(of, layout, Model(effects, theta, fitted.model.noise)))
 
 
-def backward(problem: Problem, fitted: FittedModel, kinds: int) -> FittedModel:
+def backward(of: Likelihood, fitted: FittedModel, kinds: int) -> FittedModel:
     """Without effects that do not pay for themselves beside the others."""
     while True:
-        own = [name for name in fitted.model.effects if name not in problem.effects]
+        own = [name for name in fitted.model.effects if name not in of.effects]
         if len(own) < 2:
             return fitted
-        less = side_by_side([lambda name=name: without_effect(problem, fitted, name) for name in own])
+        less = side_by_side([partial(without_effect, of, fitted, name) for name in own])
         samples = float(fitted.evaluation.count.sum())
         costs = [
-            2.0 * (fitted.objective - one.objective) - penalty(_size(problem, name), kinds, samples)
+            2.0 * (fitted.objective - one.objective) - penalty(_size(of, name), kinds, samples)
             for name, one in zip(own, less, strict=True)
         ]
         least = int(np.argmin(costs))

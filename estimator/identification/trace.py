@@ -1,28 +1,26 @@
 """From a record to a diagnosis: fit, search, checks, words."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from estimator.diagnosis import Classes, Confusable, Diagnosis, Found, Interval, Rejected, Verdict
-from estimator.effects.catalogue import effect_for
 from estimator.errors import DivergedError
 from estimator.identification.ambiguity import members
 from estimator.identification.candidates import kind
 from estimator.identification.checks import CHECKS, Check, Evidence, covariance
-from estimator.identification.fit import FittedModel, at, climb, finished, settle
-from estimator.identification.likelihood import Evaluation, Model, evaluate
-from estimator.identification.noise import declared_noise
+from estimator.identification.filtered import Filtered
+from estimator.identification.fit import FittedModel, at, finished, settle
+from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.search import Search, search, without_effect
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.angle import AngleReader
 from estimator.trace.axes import equations_on
 from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Problem
 
 SEARCHED = 25_000
 """Samples of the fitted part on which effects are chosen: what shows in more only is small."""
@@ -33,9 +31,7 @@ TWO_SIDED = 1.96
 Progress = Callable[[str, int, int], None]
 
 
-def trace(
-    problem: Problem, *, split: int, progress: Progress = lambda stage, done, total: None
-) -> Diagnosis:
+def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, done, total: None) -> Diagnosis:
     """Choose effects on the samples before `split`, score them on the rest.
 
     The observer of `problem` is the bench's; effects that it carries already stay.
@@ -43,31 +39,25 @@ def trace(
     Raises ModelError for a record that cannot be traced, with what to record instead.
     """
     require_traceable(problem.record, problem.device, split)
-    searched = problem.part(slice(0, min(split, SEARCHED)))
-    fitted = problem.part(slice(0, min(split, REFINED)))
-    later = problem.part(slice(split, min(len(problem.record), split + REFINED)))
+    whole = Filtered(problem)
+    searched, fitted = (whole.part(slice(0, min(split, most))) for most in (SEARCHED, REFINED))
+    later = whole.part(slice(split, min(whole.samples, split + REFINED)))
     found = search(searched, progress)
     model = found.best
-    if len(fitted.record) > len(searched.record):
+    if fitted.samples > searched.samples:
         model = finished(fitted, settle(fitted, at(fitted, model.layout, model.model)))
-    base = at(fitted, found.base.layout, found.base.model)
     progress("checks", 0, 1)
-    before = examine(carried(problem, found.base, problem.effects), split)
+    before = examine(problem.carrying(effects_of(found.base)), split)
     named = [name for name in model.model.effects if name not in problem.effects]
     try:
-        after = examine(carried(problem, model, problem.effects), split) if named else before
+        after = examine(problem.carrying(effects_of(model)), split) if named else before
     except DivergedError:
         after, named = before, []
-    evidence = _evidence(fitted, later, model, base, named, after)
+    evidence = _evidence(fitted, later, model, named, after)
     checks = [check for checker in CHECKS for check in checker(evidence)]
     groups = {name: members(searched, found, name) for name in named}
     progress("checks", 1, 1)
-    return _diagnosis(problem, split, found, model, evidence, checks, groups, before, after)
-
-
-def carried(problem: Problem, fitted: FittedModel, known: Effects) -> Problem:
-    """The bench's problem with the effects of a fitted model, at their coefficients."""
-    return problem.carrying({**known, **effects_of(fitted)})
+    return _diagnosis(problem, split, found, evidence, checks, groups, before, after)
 
 
 def effects_of(fitted: FittedModel) -> dict[str, dict[str, float]]:
@@ -81,25 +71,21 @@ def effects_of(fitted: FittedModel) -> dict[str, dict[str, float]]:
 
 
 def _evidence(
-    fitted: Problem, later: Problem, model: FittedModel, base: FittedModel, named: list[str], after: Examination
+    fitted: Likelihood, later: Likelihood, model: FittedModel, named: list[str], after: Examination
 ) -> Evidence:
-    without = {
-        name: one
-        for name, one in zip(
-            named, side_by_side([partial(without_effect, fitted, model, name) for name in named]), strict=True
-        )
-    }
+    without = dict(
+        zip(named, side_by_side([partial(without_effect, fitted, model, name) for name in named]), strict=True)
+    )
 
     def over_later(one: FittedModel) -> Evaluation:
-        return evaluate(later, one.layout, one.model, derivatives=False)
+        return later.evaluate(one.layout, one.model, derivatives=False)
 
-    declared = declared_noise(fitted)
-    quiet = replace(model.model, noise=replace(model.model.noise, force=declared.force))
+    quiet = replace(model.model, noise=replace(model.model.noise, force=fitted.declared_noise().force))
     return Evidence(
-        fitted, model, base, without, over_later(model), {name: over_later(one) for name, one in without.items()},
+        fitted, model, without, over_later(model), {name: over_later(one) for name, one in without.items()},
         after.held_out.ratio,
-        evaluate(fitted, model.layout, quiet, derivatives=False),
-        evaluate(fitted, model.layout, model.model, derivatives=False),
+        fitted.evaluate(model.layout, quiet, derivatives=False),
+        fitted.evaluate(model.layout, model.model, derivatives=False),
     )  # fmt: skip
 
 
@@ -115,14 +101,13 @@ def verdict_of(named: list[str], checks: list[Check]) -> Verdict:
 
 
 def _diagnosis(
-    problem: Problem, split: int, found: Search, model: FittedModel, evidence: Evidence, checks: list[Check],
+    problem: Problem, split: int, found: Search, evidence: Evidence, checks: list[Check],
     groups: Mapping[str, list[tuple[str, float, float]]], before: Examination, after: Examination,
 ) -> Diagnosis:  # fmt: skip
     named = list(evidence.without)
     verdict = verdict_of(named, checks)
-    spread = covariance(model)
-    reader = AngleReader(problem.part(slice(0, split)))
-    effects = tuple(_found(problem, name, model, spread, evidence, reader) for name in named)
+    spread = covariance(evidence.model)
+    effects = tuple(_found(name, evidence, spread) for name in named)
     reasons = tuple(check.sentence for check in checks if not check.passed or check.name in ("noise floor", "held out"))
     alike = tuple(
         Confusable(kind(name), kind(other), likeness, None, None, None, None, None, None)
@@ -141,20 +126,20 @@ def _diagnosis(
     ).of_what_is_named()  # fmt: skip
 
 
-def _found(
-    problem: Problem, name: str, model: FittedModel, spread: Array, evidence: Evidence, reader: AngleReader
-) -> Found:
-    _, effect = effect_for(name, problem.device.axes, problem.device.own)
+def _found(name: str, evidence: Evidence, spread: Array) -> Found:
+    model, effect = evidence.model, evidence.of.effect(name)
     layout = model.layout
     units = {c.name: c.unit for c in effect.coefficients} | {p.name: p.unit for p in effect.parameters}
     intervals = {}
     for k in layout.of(name):
         value = float(model.model.theta[k] * layout.factor[k])
         half = TWO_SIDED * float(np.sqrt(spread[k, k])) * abs(float(layout.factor[k]))
-        intervals[layout.names[k].partition(":")[0]] = Interval(value, value - half, value + half, units[layout.names[k]])
+        intervals[layout.names[k].partition(":")[0]] = Interval(
+            value, value - half, value + half, units[layout.names[k]]
+        )
     gain = 2.0 * (model.objective - evidence.without[name].objective)
     return Found(
-        name=kind(name), title=effect.title, equation=equations_on(effect, problem.device.axes),
+        name=kind(name), title=effect.title, equation=equations_on(effect, evidence.of.axes),
         coefficients=intervals, evidence=gain, undone=effect.undone.value, angle_bound=None,
     )  # fmt: skip
 

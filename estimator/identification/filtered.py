@@ -1,0 +1,114 @@
+"""The likelihood of a driven gyro or oscillator: innovations of its filter."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.effects.catalogue import effect_for
+from estimator.effects.declaration import Effect
+from estimator.identification.candidates import candidates
+from estimator.identification.likelihood import Evaluation, Layout, Model, Noise, evaluate
+from estimator.identification.noise import level
+from estimator.trace.problem import Effects, Problem
+
+FORCE_DECADES = 8.0
+"""Above what is declared that a random force may be: at the top, a filter follows whatever moves."""
+RATE_BELOW, RATE_ABOVE = 3.0, 2.0
+"""Decades about the declared random walk of the rate: a rate that turns by a law is none."""
+CLOSE, ROUGH = 0.5, 1.0
+"""Decades to which a level is found: the likelihood of any parameter is flat beside that."""
+QUIET = 1e-9
+"""Of the scaled units: a random force or rate that is none."""
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """`Likelihood` of a problem whose motion is followed by a filter."""
+
+    problem: Problem
+
+    @property
+    def effects(self) -> Effects:
+        """What the bench declares beside the base model."""
+        return self.problem.effects
+
+    @property
+    def axes(self) -> int:
+        """Of the device."""
+        return self.problem.device.axes
+
+    @property
+    def samples(self) -> int:
+        """Of the record."""
+        return len(self.problem.record)
+
+    def part(self, rows: slice) -> "Filtered":
+        """The same of these samples only."""
+        return Filtered(self.problem.part(rows))
+
+    def layout(self, effects: Effects) -> Layout:
+        """The parameters of the model with these effects."""
+        return Layout(self.problem, effects)
+
+    def effect(self, name: str) -> Effect:
+        """Declaration of an effect of the catalogue, or of one beside it."""
+        return effect_for(name, self.axes, self.problem.device.own)[1]
+
+    def evaluate(
+        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+    ) -> Evaluation:
+        """A pass over the record.  Raises ModelError as `Observer` does."""
+        return evaluate(self.problem, layout, model, derivatives=derivatives, watched=watched)
+
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
+        """The whole catalogue beside a model, those with parameters where the record suggests them."""
+        return candidates(self.problem, model.effects, evaluation)
+
+    def declared_noise(self) -> Noise:
+        """What the bench declares; where it declares no random force or rate, a level that is none."""
+        process, device = self.problem.settings.process_noise, self.problem.device
+        omega = float(np.sqrt(device.target))
+        none = Noise((1.0,) * device.axes, QUIET * device.amplitude * omega**1.5, QUIET * omega**1.5)
+        return replace(none, force=max(process.force, none.force), rate=max(process.rate, none.rate))
+
+    def quieten(self, layout: Layout, model: Model) -> Model:
+        """The model with about the random force that makes the record most probable."""
+        return self._with_force(layout, model, ROUGH)
+
+    def fit_noise(self, layout: Layout, model: Model) -> Model:
+        """The model with levels of noise that make the record most probable: sense by axis, random force, rate.
+
+        A model that lacks something has a random force in its place, as large as what it leaves.
+        """
+        model = self._with_force(layout, self._balanced(layout, model), CLOSE)
+        if self.axes == 1:
+            return model
+        declared = np.log10(self.declared_noise().rate)
+        between = (float(declared - RATE_BELOW), float(declared + RATE_ABOVE))
+
+        def with_rate(value: float) -> Model:
+            return replace(model, noise=replace(model.noise, rate=float(10.0**value)))
+
+        return with_rate(level(lambda v: self._of(layout, with_rate(v)), np.log10(model.noise.rate), between, ROUGH))
+
+    def _with_force(self, layout: Layout, model: Model, close: float) -> Model:
+        least = float(np.log10(self.declared_noise().force))
+
+        def with_force(value: float) -> Model:
+            return replace(model, noise=replace(model.noise, force=float(10.0**value)))
+
+        between = (least, least + FORCE_DECADES)
+        return with_force(level(lambda v: self._of(layout, with_force(v)), np.log10(model.noise.force), between, close))
+
+    def _of(self, layout: Layout, model: Model) -> float:
+        return self.evaluate(layout, model, derivatives=False).log_likelihood
+
+    def _balanced(self, layout: Layout, model: Model) -> Model:
+        """With the sense noise of each axis as its innovations have it beside the others'."""
+        seen = self.evaluate(layout, model, derivatives=False)
+        with np.errstate(invalid="ignore"):
+            power = np.nanmedian((seen.innovation / seen.deviation) ** 2, axis=0) / 0.455
+        if not np.all(np.isfinite(power)) or not np.all(power > 0.0):
+            return model
+        share = np.sqrt(power / np.exp(np.mean(np.log(power))))
+        return replace(model, noise=replace(model.noise, sense=tuple((np.array(model.noise.sense) * share).tolist())))
