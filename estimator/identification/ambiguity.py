@@ -2,8 +2,6 @@
 
 from functools import partial
 
-import numpy as np
-
 from estimator.identification.candidates import kind
 from estimator.identification.fit import FittedModel, settle
 from estimator.identification.likelihood import Likelihood
@@ -43,11 +41,9 @@ def members(of: Likelihood, found: Search, name: str) -> list[tuple[str, float, 
             alike[kind(score.name)] = (score, likeness)
     near = sorted(alike.values(), key=lambda pair: -pair[1])[:RIVALS]
     fitted = side_by_side([partial(_settled, of, without, score) for score, _ in near])
-    samples = np.log(float(best.evaluation.count.sum()))
-    own = 2.0 * best.objective - len(best.layout.of(name)) * samples
     group = []
     for (score, likeness), one in zip(near, fitted, strict=True):
-        deficit = own - (2.0 * one.objective - len(one.layout.of(score.name)) * samples)
+        deficit = best.standing - one.standing
         if deficit < TIE:
             group.append((score.name, likeness, float(deficit)))
     return sorted(group, key=lambda item: item[2])

@@ -17,6 +17,8 @@ RATE_BELOW, RATE_ABOVE = 3.0, 2.0
 """Decades about the declared random walk of the rate: a rate that turns by a law is none."""
 CLOSE, ROUGH = 0.5, 1.0
 """Decades to which a level is found: the likelihood of any parameter is flat beside that."""
+BEGINNING = 6_000
+"""Samples that tell a level to a decade."""
 QUIET = 1e-9
 """Of the scaled units: a random force or rate that is none."""
 
@@ -72,8 +74,8 @@ class Filtered:
         return replace(none, force=max(process.force, none.force), rate=max(process.rate, none.rate))
 
     def quieten(self, layout: Layout, model: Model) -> Model:
-        """The model with about the random force that makes the record most probable."""
-        return self._with_force(layout, model, ROUGH)
+        """The model with about the random force that makes a beginning of the record most probable."""
+        return self.part(slice(0, BEGINNING))._with_force(layout, model, ROUGH)
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:
         """The model with levels of noise that make the record most probable: sense by axis, random force, rate.

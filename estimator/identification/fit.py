@@ -33,6 +33,11 @@ class FittedModel:
     converged: bool
 
     @property
+    def standing(self) -> float:
+        """Twice the penalised log-likelihood, less what the parameters cost (Schwarz, Annals of Statistics 6, 1978)."""
+        return 2.0 * self.objective - len(self.layout.names) * float(np.log(self.evaluation.count.sum()))
+
+    @property
     def posterior_information(self) -> Array:
         """(k, k) of the parameters, prior included, at the noise that is left."""
         return self.evaluation.information.sum(axis=0) / self.evaluation.scale + np.diag(self.layout.deviation**-2.0)
@@ -87,16 +92,18 @@ def advanced(of: Likelihood, start: FittedModel) -> FittedModel:
     the nearer they come, the quieter it is, and the sharper the likelihood.
     """
     now = climb(of, start, ROUGH)
-    return at(of, now.layout, of.quieten(now.layout, now.model))
+    model = of.quieten(now.layout, now.model)
+    return now if model.noise == now.model.noise else at(of, now.layout, model)
 
 
 def settle(of: Likelihood, start: FittedModel) -> FittedModel:
     """The top of the likelihood in parameters and random force, from `start` on."""
     now = start
     for _ in range(PASSES):
-        before = now.objective
+        before = now
         now = advanced(of, now)
-        if now.objective - before < RISE:
+        same = now.model.noise == before.model.noise
+        if same and now.objective - before.objective < RISE:
             break
     return climb(of, now)
 

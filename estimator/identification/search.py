@@ -7,7 +7,6 @@ from itertools import zip_longest
 
 import numpy as np
 
-from estimator.effects.catalogue import EFFECTS
 from estimator.identification.candidates import kind
 from estimator.identification.fit import FittedModel, advanced, at, climb, finished, fit, settle
 from estimator.identification.likelihood import Layout, Likelihood, Model
@@ -30,8 +29,8 @@ CHANCE = 1e-3
 """How often an effect may be named that is not there, over a whole search."""
 QUIETER = 100.0
 """By how much less random force than a model leaves the scores are taken once more."""
-WORTH = 10.0
-"""Gain below which a candidate is not worth a fit: less than any penalty."""
+WORTH = 0.5
+"""Of the margin, that the score test has to tell of a candidate which is fitted."""
 
 
 @dataclass(frozen=True)
@@ -53,33 +52,28 @@ class Search:
     rounds: tuple[Round, ...]
 
 
-def penalty(coefficients: int, kinds: int, samples: float) -> float:
-    """What twice the gain of log-likelihood has to exceed: BIC for the coefficients, and the number of kinds that were
-    looked at (Bonferroni at `CHANCE`).
-    """
-    return coefficients * float(np.log(samples)) + 2.0 * float(np.log(kinds / CHANCE))
+def margin(kinds: int) -> float:
+    """What an effect's standing has to exceed that of a model without it, so many kinds having been looked at."""
+    return 2.0 * float(np.log(kinds / CHANCE))
 
 
 def search(of: Likelihood, progress: Callable[[str, int, int], None] = lambda stage, done, total: None) -> Search:
-    """Effects added while the best of the candidates gains more than the penalty, and taken out where they do not."""
+    """Effects added while the best of the candidates stands better by the margin, and taken out where they do not."""
     base = now = fit(of, of.effects)
     rounds: list[Round] = []
+    kinds = 1
     for step in range(MOST):
         progress("effects", step, MOST)
         watched = of.candidates(now.model, now.evaluation)
+        kinds = max(kinds, len({kind(name) for name in watched}))
         tables = scored(of, now, watched)
-        kinds = len({kind(name) for name in watched})
-        shortlist = shortlisted(tables)
-        ranked = _fitted(of, now, shortlist)
-        gain = ranked[0][1].objective - now.objective if ranked else 0.0
-        taken = None
-        if ranked and 2.0 * gain > penalty(_size(of, ranked[0][0]), kinds, float(now.evaluation.count.sum())):
-            taken = ranked[0][0]
+        ranked = _fitted(of, now, shortlisted(tables, WORTH * margin(kinds)))
+        taken = ranked[0][0] if ranked and ranked[0][1].standing - now.standing > margin(kinds) else None
         rounds.append(Round(now, tables[0], tuple(ranked), taken))
         if taken is None:
             break
         now = finished(of, ranked[0][1])
-    return Search(base, backward(of, now, len(EFFECTS)), tuple(rounds))
+    return Search(base, backward(of, now, margin(kinds)), tuple(rounds))
 
 
 def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[tuple[str, FittedModel]]:
@@ -91,20 +85,15 @@ def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[t
     quick = of.part(slice(0, QUICK))
     start = at(quick, base.layout, base.model)
     tried = side_by_side([partial(with_effect, quick, start, score) for score in shortlist])
-    ranked = sorted(zip(shortlist, tried, strict=True), key=lambda pair: -_standing(of, pair[0].name, pair[1]))
+    ranked = sorted(zip(shortlist, tried, strict=True), key=lambda pair: -pair[1].standing)
     ahead = [
         (score, one)
         for place, (score, one) in enumerate(ranked)
-        if score is shortlist[0]
-        or (place < FINALISTS and _standing(of, score.name, one) > _standing(of, *_named(ranked[0])) - CLEAR)
+        if score is shortlist[0] or (place < FINALISTS and one.standing > ranked[0][1].standing - CLEAR)
     ]
     done = side_by_side([partial(_on_the_whole, of, base, score, one) for score, one in ahead])
     pairs = zip([score.name for score, _ in ahead], done, strict=True)
-    return sorted(pairs, key=lambda pair: -_standing(of, *pair))
-
-
-def _named(pair: tuple[Score, FittedModel]) -> tuple[str, FittedModel]:
-    return pair[0].name, pair[1]
+    return sorted(pairs, key=lambda pair: -pair[1].standing)
 
 
 def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: FittedModel) -> FittedModel:
@@ -115,16 +104,6 @@ def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: Fitted
     if found.objective > base.objective or not found.evaluation.sound:
         return found
     return settle(of, with_effect(of, base, score))
-
-
-def _standing(of: Likelihood, name: str, fitted: FittedModel) -> float:
-    """Twice the log-likelihood, less what the coefficients cost."""
-    samples = float(fitted.evaluation.count.sum())
-    return 2.0 * fitted.objective - _size(of, name) * float(np.log(samples))
-
-
-def _size(of: Likelihood, name: str) -> int:
-    return len(of.effect(name).coefficients)
 
 
 def scored(of: Likelihood, fitted: FittedModel, watched: Effects) -> tuple[ScoreTable, ...]:
@@ -140,10 +119,12 @@ def scored(of: Likelihood, fitted: FittedModel, watched: Effects) -> tuple[Score
     return (table, score_test(of, found, watched)) if found.evaluation.sound else (table,)
 
 
-def shortlisted(tables: tuple[ScoreTable, ...]) -> list[Score]:
-    """The best of each kind, the largest gain first, from each of the tables in turn, as many as are fitted."""
+def shortlisted(tables: tuple[ScoreTable, ...], least: float) -> list[Score]:
+    """The best of each kind, the largest gain first, from each of the tables in turn, as many as are fitted; none that
+    gains less than `least`.
+    """
     best: dict[str, Score] = {}
-    orders = [[score for score in table.scores if score.gain > WORTH] for table in reversed(tables)]
+    orders = [[score for score in table.scores if score.gain > least] for table in reversed(tables)]
     for turn in zip_longest(*orders):
         for score in turn:
             if score is not None:
@@ -184,18 +165,14 @@ def without_effect(of: Likelihood, fitted: FittedModel, name: str) -> FittedMode
     return settle(of, at(of, layout, Model(effects, theta, fitted.model.noise)))
 
 
-def backward(of: Likelihood, fitted: FittedModel, kinds: int) -> FittedModel:
+def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
     """Without effects that do not pay for themselves beside the others."""
     while True:
         own = [name for name in fitted.model.effects if name not in of.effects]
         if len(own) < 2:
             return fitted
         less = side_by_side([partial(without_effect, of, fitted, name) for name in own])
-        samples = float(fitted.evaluation.count.sum())
-        costs = [
-            2.0 * (fitted.objective - one.objective) - penalty(_size(of, name), kinds, samples)
-            for name, one in zip(own, less, strict=True)
-        ]
+        costs = [fitted.standing - one.standing - margin for one in less]
         least = int(np.argmin(costs))
         if costs[least] > 0.0:
             return fitted
