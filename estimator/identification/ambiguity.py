@@ -1,36 +1,64 @@
 """Effects that a record cannot tell apart: in place of one another they make it as probable."""
 
+from dataclasses import dataclass
 from functools import partial
 
 from estimator.identification.candidates import kind
 from estimator.identification.fit import FittedModel, settle
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.score_test import Score
-from estimator.identification.search import Search, scored, with_effect, without_effect
+from estimator.identification.search import scored, with_effect, without_effect
 from estimator.side_by_side import side_by_side
 
 TIE = 9.0
 """Of twice the log-likelihood: odds of a hundred to one, below which two accounts are told together."""
 BEYOND = 20.0
 """Times that, by which an effect may be behind by its likeness alone and is still fitted: it is of one place."""
+SWAPS = 3
+"""Effects that are replaced in a search: a fourth would be a circle."""
 RIVALS = 4
 """Members of a group that are looked for."""
 
 
-def members(of: Likelihood, found: Search, name: str) -> list[tuple[str, float, float]]:
-    """Effects that explain the record as well in place of `name`: each with its likeness and by how much less it gains
-    in twice the log-likelihood, what its coefficients cost included.
+@dataclass(frozen=True)
+class Member:
+    """An effect in place of one of a model's: its likeness to it, the model with it, and by how much that one's
+    standing is less.
     """
-    best = found.best
+
+    name: str
+    likeness: float
+    model: FittedModel
+    deficit: float
+
+
+def exchanged(of: Likelihood, best: FittedModel) -> tuple[FittedModel, dict[str, list[Member]]]:
+    """The model with each of its effects replaced by the one that stands best in its place, and the groups: members
+    that the record cannot tell from each.
+    """
+    groups: dict[str, list[Member]] = {}
+    swaps = 0
+    while names := [name for name in best.model.effects if name not in of.effects and name not in groups]:
+        found = members(of, best, names[0])
+        if found and found[0].deficit < 0.0 and swaps < SWAPS:
+            best, swaps, groups = found[0].model, swaps + 1, {}
+        else:
+            groups[names[0]] = [member for member in found if member.deficit < TIE]
+    return best, groups
+
+
+def members(of: Likelihood, best: FittedModel, name: str) -> list[Member]:
+    """Effects that may explain the record as well in place of `name`, each fitted; the best first."""
     without = without_effect(of, best, name)
+    kinds = {kind(one) for one in best.model.effects} - {kind(name)}
     watched = {
         other: given
         for other, given in of.candidates(without.model, without.evaluation).items()
-        if kind(other) not in {kind(one) for one in best.model.effects}
+        if kind(other) not in kinds and kind(other) != kind(name)
     }
     watched[name] = dict(best.layout.effects_of(best.model)[name])
     table = scored(of, without, watched)[-1]
-    gain = 2.0 * (best.objective - without.objective)
+    gain = best.standing - without.standing
     alike: dict[str, tuple[Score, float]] = {}
     for score in table.scores:
         if score.name == name:
@@ -41,12 +69,11 @@ def members(of: Likelihood, found: Search, name: str) -> list[tuple[str, float, 
             alike[kind(score.name)] = (score, likeness)
     near = sorted(alike.values(), key=lambda pair: -pair[1])[:RIVALS]
     fitted = side_by_side([partial(_settled, of, without, score) for score, _ in near])
-    group = []
-    for (score, likeness), one in zip(near, fitted, strict=True):
-        deficit = best.standing - one.standing
-        if deficit < TIE:
-            group.append((score.name, likeness, float(deficit)))
-    return sorted(group, key=lambda item: item[2])
+    found = [
+        Member(score.name, likeness, one, best.standing - one.standing)
+        for (score, likeness), one in zip(near, fitted, strict=True)
+    ]
+    return sorted(found, key=lambda member: member.deficit)
 
 
 def _settled(of: Likelihood, without: FittedModel, score: Score) -> FittedModel:

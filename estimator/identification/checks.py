@@ -169,8 +169,4 @@ def covariance(fitted: FittedModel) -> Array:
     """(k, k) of a model's parameters: the inverse of the information, times the scatter of the scores from part to part
     of the record over what noise makes of them, where that is more (White, Econometrica 50, 1982, as one number).
     """
-    inverse = np.linalg.inv(fitted.posterior_information)
-    scores = fitted.evaluation.score / fitted.evaluation.scale
-    scores = scores - scores.mean(axis=0)
-    scatter = float(np.trace(inverse @ (scores.T @ scores))) / len(inverse)
-    return np.asarray(inverse * max(scatter, 1.0))
+    return np.asarray(np.linalg.inv(fitted.posterior_information) * fitted.scatter)

@@ -7,7 +7,7 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.identification.candidates import candidates
-from estimator.identification.likelihood import Evaluation, Layout, Model, Noise, evaluate
+from estimator.identification.likelihood import Beginning, Evaluation, Layout, Model, Noise, evaluate
 from estimator.identification.noise import level
 from estimator.trace.problem import Effects, Problem
 
@@ -28,6 +28,7 @@ class Filtered:
     """`Likelihood` of a problem whose motion is followed by a filter."""
 
     problem: Problem
+    beginning: Beginning = Beginning()
 
     @property
     def effects(self) -> Effects:
@@ -46,7 +47,12 @@ class Filtered:
 
     def part(self, rows: slice) -> "Filtered":
         """The same of these samples only."""
-        return Filtered(self.problem.part(rows))
+        record = self.problem.record
+        first = self.beginning.temperature
+        if first is None and "temperature" in record.channels:
+            first = float(record.channels["temperature"][0])
+        seconds = self.beginning.seconds + float(np.sum(record.step[: rows.start or 0]))
+        return Filtered(self.problem.part(rows), Beginning(seconds, first))
 
     def layout(self, effects: Effects) -> Layout:
         """The parameters of the model with these effects."""
@@ -60,7 +66,7 @@ class Filtered:
         self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
     ) -> Evaluation:
         """A pass over the record.  Raises ModelError as `Observer` does."""
-        return evaluate(self.problem, layout, model, derivatives=derivatives, watched=watched)
+        return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, watched=watched)
 
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """The whole catalogue beside a model, those with parameters where the record suggests them."""

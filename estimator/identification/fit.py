@@ -1,6 +1,7 @@
 """The parameters of a model by maximum likelihood: Gauss and Newton with priors and damping."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -36,6 +37,24 @@ class FittedModel:
     def standing(self) -> float:
         """Twice the penalised log-likelihood, less what the parameters cost (Schwarz, Annals of Statistics 6, 1978)."""
         return 2.0 * self.objective - len(self.layout.names) * float(np.log(self.evaluation.count.sum()))
+
+    @cached_property
+    def scatter(self) -> float:
+        """By how much more the scores differ from part to part of the record than white innovations let them, 1 where
+        they do not: one number for all parameters (White, Econometrica 50, 1982).
+        """
+        scores = self.evaluation.score / self.evaluation.scale
+        scores = scores - scores.mean(axis=0)
+        inverse = np.linalg.pinv(self.posterior_information, hermitian=True)
+        return max(float(np.sum(inverse * (scores.T @ scores))) / len(inverse), 1.0)
+
+    def gain_over(self, other: "FittedModel") -> float:
+        """Twice the gain of log-likelihood over another model, as far as the record is sure of it, less what the
+        parameters cost that this one has more (Schwarz, Annals of Statistics 6, 1978).
+        """
+        more = len(self.layout.names) - len(other.layout.names)
+        samples = float(self.evaluation.count.sum())
+        return 2.0 * (self.objective - other.objective) / self.scatter - more * float(np.log(samples))
 
     @property
     def posterior_information(self) -> Array:

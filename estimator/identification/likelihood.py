@@ -207,19 +207,35 @@ class Likelihood(Protocol):
         """
 
 
+@dataclass(frozen=True)
+class Beginning:
+    """What effects count from where a part of a record is looked at: s from the record's start to the part's, and the
+    record's first temperature.
+    """
+
+    seconds: float = 0.0
+    temperature: float | None = None
+
+
 def evaluate(
-    problem: Problem, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+    problem: Problem,
+    layout: Layout,
+    model: Model,
+    beginning: Beginning = Beginning(),
+    *,
+    derivatives: bool = True,
+    watched: Effects | None = None,
 ) -> Evaluation:
     """`Likelihood.evaluate` of a driven gyro or oscillator, by its filter.
 
     Raises ModelError as `Observer` does.
     """
-    one = _Pass(problem, layout, model, layout.index if derivatives else layout.index[:0], watched or {})
+    one = _Pass(problem, beginning, layout, model, layout.index if derivatives else layout.index[:0], watched or {})
     others: list[tuple[_Pass, float]] = []
     for k in range(len(layout.index), len(layout.names)) if derivatives else ():
         theta, step = model.theta.copy(), SHIFT * float(abs(model.theta[k]))
         theta[k] += step
-        others.append((_Pass(problem, layout, replace(model, theta=theta), layout.index[:0], {}), step))
+        others.append((_Pass(problem, beginning, layout, replace(model, theta=theta), layout.index[:0], {}), step))
     names = [*(layout.names if derivatives else ()), *one.watched]
     k, c = len(names), len(one.known)
     score, information = np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k))
@@ -248,12 +264,19 @@ class _Pass:
     """
 
     def __init__(
-        self, problem: Problem, layout: Layout, model: Model, known: NDArray[np.int64], watched: Effects
+        self,
+        problem: Problem,
+        beginning: Beginning,
+        layout: Layout,
+        model: Model,
+        known: NDArray[np.int64],
+        watched: Effects,
     ) -> None:
         self.record, self.known = problem.record, known
         self.observer = observer = _observer(problem, layout.effects_of(model), model.noise, watched)
         observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
         begin_moving(observer, problem.record)
+        observer.begin_at(beginning.seconds, beginning.temperature)
         lacking = observer.effects[observer.carried :]
         self.watched = [effect.name for _, effect in lacking for _ in effect.coefficients]
         record = problem.record

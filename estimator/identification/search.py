@@ -68,7 +68,7 @@ def search(of: Likelihood, progress: Callable[[str, int, int], None] = lambda st
         kinds = max(kinds, len({kind(name) for name in watched}))
         tables = scored(of, now, watched)
         ranked = _fitted(of, now, shortlisted(tables, WORTH * margin(kinds)))
-        taken = ranked[0][0] if ranked and ranked[0][1].standing - now.standing > margin(kinds) else None
+        taken = ranked[0][0] if ranked and ranked[0][1].gain_over(now) > margin(kinds) else None
         rounds.append(Round(now, tables[0], tuple(ranked), taken))
         if taken is None:
             break
@@ -172,7 +172,7 @@ def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
         if len(own) < 2:
             return fitted
         less = side_by_side([partial(without_effect, of, fitted, name) for name in own])
-        costs = [fitted.standing - one.standing - margin for one in less]
+        costs = [fitted.gain_over(one) - margin for one in less]
         least = int(np.argmin(costs))
         if costs[least] > 0.0:
             return fitted

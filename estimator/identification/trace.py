@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.diagnosis import Classes, Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.errors import DivergedError
-from estimator.identification.ambiguity import members
+from estimator.identification.ambiguity import Member, exchanged
 from estimator.identification.candidates import kind
 from estimator.identification.checks import CHECKS, Check, Evidence, covariance
 from estimator.identification.filtered import Filtered
@@ -43,7 +43,7 @@ def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, do
     searched, fitted = (whole.part(slice(0, min(split, most))) for most in (SEARCHED, REFINED))
     later = whole.part(slice(split, min(whole.samples, split + REFINED)))
     found = search(searched, progress)
-    model = found.best
+    model, groups = exchanged(searched, found.best)
     if fitted.samples > searched.samples:
         model = finished(fitted, settle(fitted, at(fitted, model.layout, model.model)))
     progress("checks", 0, 1)
@@ -55,7 +55,6 @@ def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, do
         after, named = before, []
     evidence = _evidence(fitted, later, model, named, after)
     checks = [check for checker in CHECKS for check in checker(evidence)]
-    groups = {name: members(searched, found, name) for name in named}
     progress("checks", 1, 1)
     return _diagnosis(problem, split, found, evidence, checks, groups, before, after)
 
@@ -102,7 +101,7 @@ def verdict_of(named: list[str], checks: list[Check]) -> Verdict:
 
 def _diagnosis(
     problem: Problem, split: int, found: Search, evidence: Evidence, checks: list[Check],
-    groups: Mapping[str, list[tuple[str, float, float]]], before: Examination, after: Examination,
+    groups: Mapping[str, list[Member]], before: Examination, after: Examination,
 ) -> Diagnosis:  # fmt: skip
     named = list(evidence.without)
     verdict = verdict_of(named, checks)
@@ -110,9 +109,9 @@ def _diagnosis(
     effects = tuple(_found(name, evidence, spread) for name in named)
     reasons = tuple(check.sentence for check in checks if not check.passed or check.name in ("noise floor", "held out"))
     alike = tuple(
-        Confusable(kind(name), kind(other), likeness, None, None, None, None, None, None)
+        Confusable(kind(name), kind(member.name), member.likeness, None, None)
         for name in named
-        for other, likeness, _ in groups[name]
+        for member in groups[name]
     )
     floor = before.held_out.noise_floor
     was, now = (float(np.mean(np.square(one.held_out.innovation_rms) / np.square(floor))) for one in (before, after))
@@ -144,9 +143,7 @@ def _found(name: str, evidence: Evidence, spread: Array) -> Found:
     )  # fmt: skip
 
 
-def _probabilities(
-    evidence: Evidence, groups: Mapping[str, list[tuple[str, float, float]]], found: Search
-) -> tuple[Classes, ...]:
+def _probabilities(evidence: Evidence, groups: Mapping[str, list[Member]], found: Search) -> tuple[Classes, ...]:
     """How probable each account of the record is: likelihoods less what their coefficients cost (Schwarz, 1978)."""
     samples = float(evidence.model.evaluation.count.sum())
     price = 2.0 * float(np.log(samples))
@@ -161,7 +158,7 @@ def _probabilities(
     for name, without in evidence.without.items():
         gain = 2.0 * (evidence.model.objective - without.objective) - price
         weights = {"nothing": 0.0, kind(name): gain, "something else": gain + other - price}
-        weights |= {kind(rival): gain - deficit for rival, _, deficit in groups[name]}
+        weights |= {kind(member.name): gain - member.deficit for member in groups[name]}
         classes.append(_classes(kind(name), weights))
     return tuple(classes)
 
