@@ -7,7 +7,7 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.identification.candidates import candidates
-from estimator.identification.likelihood import Beginning, Evaluation, Layout, Model, Noise, evaluate
+from estimator.identification.likelihood import AT_THE_START, Beginning, Evaluation, Layout, Model, Noise, evaluate
 from estimator.identification.noise import level
 from estimator.trace.problem import Effects, Problem
 
@@ -28,7 +28,7 @@ class Filtered:
     """`Likelihood` of a problem whose motion is followed by a filter."""
 
     problem: Problem
-    beginning: Beginning = Beginning()
+    beginning: Beginning = AT_THE_START
 
     @property
     def effects(self) -> Effects:

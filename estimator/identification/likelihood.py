@@ -217,11 +217,14 @@ class Beginning:
     temperature: float | None = None
 
 
+AT_THE_START = Beginning()
+
+
 def evaluate(
     problem: Problem,
     layout: Layout,
     model: Model,
-    beginning: Beginning = Beginning(),
+    beginning: Beginning = AT_THE_START,
     *,
     derivatives: bool = True,
     watched: Effects | None = None,
