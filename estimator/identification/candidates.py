@@ -91,9 +91,9 @@ def _given(problem: Problem, effect: Effect, starts: dict[Search, Starts]) -> It
     else:
         device = problem.device
         scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
-        for label, values in enumerate(product(*(_tried(p) for p in effect.parameters)), start=1):
+        for number, values in enumerate(product(*(_tried(p) for p in effect.parameters)), start=1):
             pairs = zip(effect.parameters, values, strict=True)
-            yield str(label), {p.name: value * scaling.coefficient(p) for p, value in pairs}
+            yield str(number), {p.name: value * scaling.coefficient(p) for p, value in pairs}
 
 
 def _tried(parameter: Parameter) -> tuple[float, ...]:

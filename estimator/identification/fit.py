@@ -59,13 +59,14 @@ class FittedModel:
     @property
     def posterior_information(self) -> Array:
         """(k, k) of the parameters, prior included, at the noise that is left."""
-        return self.evaluation.information.sum(axis=0) / self.evaluation.scale + np.diag(self.layout.deviation**-2.0)
+        prior = np.diag(self.layout.deviation**-2.0)
+        return np.asarray(self.evaluation.information.sum(axis=0) / self.evaluation.scale + prior)
 
     @property
     def score(self) -> Array:
         """(k,) slope of the penalised log-likelihood."""
         pull = (self.model.theta - self.layout.mean) / self.layout.deviation**2
-        return self.evaluation.score.sum(axis=0) / self.evaluation.scale - pull
+        return np.asarray(self.evaluation.score.sum(axis=0) / self.evaluation.scale - pull)
 
 
 def at(of: Likelihood, layout: Layout, model: Model) -> FittedModel:

@@ -90,7 +90,7 @@ class Evaluation:
         if not self.sound or not self.scale > 0.0:
             return -np.inf
         n = float(self.count.sum())
-        return -0.5 * n * (np.log(2.0 * np.pi * self.scale) + 1.0) - float(self.logs.sum())
+        return float(-0.5 * n * (np.log(2.0 * np.pi * self.scale) + 1.0) - self.logs.sum())
 
 
 class Layout:

@@ -6,6 +6,7 @@ gain if the likelihood were a parabola; the solution of its normal equations is 
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 
 import numpy as np
@@ -70,9 +71,7 @@ def _whitener(information: Array) -> Array:
 def score_test(of: Likelihood, fitted: FittedModel, watched: Effects) -> ScoreTable:
     """The scores of `watched` beside a fitted model, each with a prior of its plausible size."""
     shares = _shares(of, watched, len(fitted.layout.effects))
-    passes = side_by_side(
-        [lambda share=share: of.evaluate(fitted.layout, fitted.model, watched=share) for share in shares]
-    )
+    passes = side_by_side([partial(of.evaluate, fitted.layout, fitted.model, watched=share) for share in shares])
     own = len(fitted.layout.names)
     joined = _joined(passes, own)
     names = [name for one in passes for name in one.names[own:]]

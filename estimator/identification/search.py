@@ -58,7 +58,9 @@ def margin(kinds: int) -> float:
 
 
 def search(of: Likelihood, progress: Callable[[str, int, int], None] = lambda stage, done, total: None) -> Search:
-    """Effects added while the best of the candidates stands better by the margin, and taken out where they do not."""
+    """Effects added while the best of the candidates stands better by the margin, and taken out where their gain is not
+    sure: on the way, what the model still lacks scatters more than noise.
+    """
     base = now = fit(of, of.effects)
     rounds: list[Round] = []
     kinds = 1
@@ -68,7 +70,7 @@ def search(of: Likelihood, progress: Callable[[str, int, int], None] = lambda st
         kinds = max(kinds, len({kind(name) for name in watched}))
         tables = scored(of, now, watched)
         ranked = _fitted(of, now, shortlisted(tables, WORTH * margin(kinds)))
-        taken = ranked[0][0] if ranked and ranked[0][1].gain_over(now) > margin(kinds) else None
+        taken = ranked[0][0] if ranked and ranked[0][1].standing - now.standing > margin(kinds) else None
         rounds.append(Round(now, tables[0], tuple(ranked), taken))
         if taken is None:
             break
