@@ -390,6 +390,10 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
         note_forced_rotation(settings, memory, x, sample.h);
     for (whole i = 0; i < states; i++)
         foreseen[i] = x[i];
+    if (follow->watched > 0) { /* of what is foreseen: what this sample corrects would tell of its own innovation */
+        signal_values(settings, memory, memory->time + (double)sample.h, work->flow.push.signals);
+        watch_sensed(settings, x, sample.u, sample.terms, follow, work);
+    }
     correct(settings, observer->active, active, &forgetful, &table, estimate, &sample, work);
     memory->time += sample.h;
     remember_drive(settings, memory, sample.u, sample.terms);
@@ -401,8 +405,6 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
     if (follow->watched > 0) {
         signal_values(settings, memory, memory->time, work->flow.push.signals);
         add_forced(settings, memory, before, x + states, &sample, follow, work);
-        signal_values(settings, memory, memory->time, work->flow.push.signals);
-        watch_sensed(settings, x, sample.u, sample.terms, follow, work);
     }
     int usable = show(settings, &sample, work, follow);
     if (turning && follow->rate_row >= 0)
