@@ -57,7 +57,7 @@ def members(of: Likelihood, best: FittedModel, name: str) -> list[Member]:
         if kind(other) not in kinds and kind(other) != kind(name)
     }
     watched[name] = dict(best.layout.effects_of(best.model)[name])
-    table = scored(of, without, watched)[-1]
+    table = scored(of, without, watched, name)[-1]
     gain = best.standing - without.standing
     alike: dict[str, tuple[Score, float]] = {}
     for score in table.scores:

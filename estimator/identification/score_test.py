@@ -56,7 +56,9 @@ class ScoreTable:
         return next((score for score in self.scores if score.name == name), None)
 
     def likeness(self, name: str, other: str) -> float:
-        """Largest canonical correlation of what two effects would do to the innovations, 1: the same to this record."""
+        """Largest canonical correlation of what two effects would do to the innovations, 1: the same to this record; of
+        the one that the others were tested beside (`score_test`), and any other.
+        """
         one, two = self.columns[name], self.columns[other]
         a, b = (_whitener(self.cross[np.ix_(rows, rows)]) for rows in (one, two))
         return float(np.linalg.norm(a @ self.cross[np.ix_(one, two)] @ b.T, 2))
@@ -68,14 +70,17 @@ def _whitener(information: Array) -> Array:
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T)
 
 
-def score_test(of: Likelihood, fitted: FittedModel, watched: Effects) -> ScoreTable:
-    """The scores of `watched` beside a fitted model, each with a prior of its plausible size."""
-    shares = _shares(of, watched, len(fitted.layout.effects))
+def score_test(of: Likelihood, fitted: FittedModel, watched: Effects, beside: str = "") -> ScoreTable:
+    """The scores of `watched` beside a fitted model, each with a prior of its plausible size.
+
+    beside: the one of them that is to be compared with all others (`ScoreTable.likeness`): it is in each of the passes.
+    """
+    shares = _shares(of, watched, len(fitted.layout.effects), beside)
     passes = side_by_side([partial(of.evaluate, fitted.layout, fitted.model, watched=share) for share in shares])
     own = len(fitted.layout.names)
-    joined = _joined(passes, own)
-    names = [name for one in passes for name in one.names[own:]]
-    sizes = [c.plausible for share in shares for name in share for c in of.effect(name).coefficients]
+    joined = _joined(passes, own + (len(of.effect(beside).coefficients) if beside else 0))
+    names = joined.names[own:]
+    sizes = [c.plausible for name in dict.fromkeys(names) for c in of.effect(name).coefficients]
     scale = fitted.evaluation.scale
     prior = np.diag(fitted.layout.deviation**-2.0)
     blocks = _projected(joined.information / scale, joined.score / scale, prior, own)
@@ -89,25 +94,29 @@ def score_test(of: Likelihood, fitted: FittedModel, watched: Effects) -> ScoreTa
     return ScoreTable(tuple(sorted(scores, key=lambda one: -one.gain)), columns, information)
 
 
-def _shares(of: Likelihood, watched: Effects, included: int) -> list[Effects]:
-    """The effects in as many passes as they need, and two where two may run at a time."""
-    shares: list[dict[str, Mapping[str, float]]] = [{}, {}]
-    signals = [0, 0]
+def _shares(of: Likelihood, watched: Effects, included: int, beside: str) -> list[Effects]:
+    """The effects in as many passes as they need, and two where two may run at a time; `beside` first in each."""
+    first = {beside: watched[beside]} if beside else {}
+    needed = len(of.effect(beside).signals) if beside else 0
+    shares: list[dict[str, Mapping[str, float]]] = [dict(first), dict(first)]
+    signals = [needed, needed]
     for name, given in watched.items():
+        if name == beside:
+            continue
         wanted = len(of.effect(name).signals)
         at = int(np.argmin([len(share) for share in shares]))
         if len(shares[at]) + included + 2 > MAX_EFFECTS or signals[at] + wanted > MAX_SIGNALS - 16:
-            shares.append({})
-            signals.append(0)
+            shares.append(dict(first))
+            signals.append(needed)
             at = len(shares) - 1
         shares[at][name] = given
         signals[at] += wanted
-    return [share for share in shares if share]
+    return [share for share in shares if len(share) > len(first)] or [first]
 
 
 def _joined(passes: list[Evaluation], own: int) -> Evaluation:
-    """Passes with the same parameters and different effects, as one whose cross terms between the effects of different
-    passes are those through the parameters only.
+    """Passes with the same first `own` columns and different effects behind them, as one whose cross terms between the
+    effects of different passes are those through the parameters only.
     """
     if len(passes) == 1:
         return passes[0]

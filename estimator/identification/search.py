@@ -108,17 +108,17 @@ def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: Fitted
     return settle(of, with_effect(of, base, score))
 
 
-def scored(of: Likelihood, fitted: FittedModel, watched: Effects) -> tuple[ScoreTable, ...]:
-    """The scores of the effects beside a model; and where it leaves a random force larger than declared, the same at a
-    quieter one, where effects look less alike, unless the filter loses the motion there.
+def scored(of: Likelihood, fitted: FittedModel, watched: Effects, beside: str = "") -> tuple[ScoreTable, ...]:
+    """The scores of the effects beside a model (`score_test`); and where it leaves a random force larger than declared,
+    the same at a quieter one, where effects look less alike, unless the filter loses the motion there.
     """
-    table = score_test(of, fitted, watched)
+    table = score_test(of, fitted, watched, beside)
     noise, quietest = fitted.model.noise, of.declared_noise().force
     if noise.force <= quietest * QUIETER:
         return (table,)
     quieter = replace(fitted.model, noise=replace(noise, force=max(noise.force / QUIETER, quietest)))
     found = climb(of, at(of, fitted.layout, quieter))
-    return (table, score_test(of, found, watched)) if found.evaluation.sound else (table,)
+    return (table, score_test(of, found, watched, beside)) if found.evaluation.sound else (table,)
 
 
 def shortlisted(tables: tuple[ScoreTable, ...], least: float) -> list[Score]:
