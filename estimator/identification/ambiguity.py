@@ -56,22 +56,20 @@ def members(of: Likelihood, best: FittedModel, name: str) -> list[Member]:
         for other, given in of.candidates(without.model, without.evaluation).items()
         if kind(other) not in kinds and kind(other) != kind(name)
     }
-    watched[name] = dict(best.layout.effects_of(best.model)[name])
-    table = scored(of, without, watched, name)[-1]
+    reference = {name: best.layout.effects_of(best.model)[name]}
     gain = best.standing - without.standing
-    alike: dict[str, tuple[Score, float]] = {}
-    for score in table.scores:
-        if score.name == name:
-            continue
-        likeness = min(table.likeness(name, score.name), 1.0)
+    alike: dict[str, Score] = {}
+    for score in scored(of, without, watched, reference)[-1]:
         # On a parabola, what explains a share of a signature loses the rest of what that gains.
-        if gain * (1.0 - likeness**2) < BEYOND * TIE and likeness > alike.get(kind(score.name), (None, 0.0))[1]:
-            alike[kind(score.name)] = (score, likeness)
-    near = sorted(alike.values(), key=lambda pair: -pair[1])[:RIVALS]
-    fitted = side_by_side([partial(_settled, of, without, score) for score, _ in near])
+        near_enough = gain * (1.0 - score.likeness**2) < BEYOND * TIE
+        known = alike.get(kind(score.name))
+        if near_enough and (known is None or score.likeness > known.likeness):
+            alike[kind(score.name)] = score
+    near = sorted(alike.values(), key=lambda score: -score.likeness)[:RIVALS]
+    fitted = side_by_side([partial(_settled, of, without, score) for score in near])
     found = [
-        Member(score.name, likeness, one, best.standing - one.standing)
-        for (score, likeness), one in zip(near, fitted, strict=True)
+        Member(score.name, score.likeness, one, best.standing - one.standing)
+        for score, one in zip(near, fitted, strict=True)
     ]
     return sorted(found, key=lambda member: member.deficit)
 

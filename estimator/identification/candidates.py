@@ -16,7 +16,7 @@ from estimator.scaling import Scaling
 from estimator.trace.candidates import _of_lines, _of_modes, _of_thresholds
 from estimator.trace.problem import Effects, Problem
 
-CORNERS = (0.02, 0.5, 5.0)
+CORNERS = (0.001, 0.01, 0.1)
 """Shares of the resonance at which a filter in the path may have its corner."""
 SPEEDS = (0.01, 0.1)
 """Shares of the largest velocity below which a friction may be less than dry."""

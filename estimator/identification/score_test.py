@@ -4,10 +4,10 @@ The score statistic (Rao, 1948) of an effect with all parameters of the model pr
 gain if the likelihood were a parabola; the solution of its normal equations is its size.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import count
+from types import MappingProxyType
 
 import numpy as np
 
@@ -23,45 +23,58 @@ from estimator.trace.problem import Effects
 class Score:
     """One effect at given parameters.
 
-    gain: twice the gain of log-likelihood; size (c,) of its coefficients, scaled; deviation (c,) of them; scatter: by
-    how much more than noise its score differs from part to part of the record, 1 where it does not; given: its
-    parameters, SI; signature (c, m): normalised, for a comparison with others (`likeness`).
+    gain: twice the gain of log-likelihood; size (c,) of its coefficients, scaled; scatter: by how much more than noise
+    its score differs from part to part of the record, 1 where it does not; given: its parameters, SI; likeness: largest
+    canonical correlation of what it does to the innovations with what a reference does, 1: the same to this record.
     """
 
     name: str
     gain: float
     size: Array
-    deviation: Array
     scatter: float
     given: Mapping[str, float]
-
-    @property
-    def robust(self) -> float:
-        """The gain where what the model leaves is no white noise: over the scatter."""
-        return self.gain / max(self.scatter, 1.0)
+    likeness: float = 0.0
 
 
-@dataclass(frozen=True)
-class ScoreTable:
-    """The scores of a catalogue, the largest gain first; columns of each in `cross`, the information between them with
-    the model's parameters projected out.
+def score_test(
+    of: Likelihood, fitted: FittedModel, watched: Effects, reference: Effects = MappingProxyType({})
+) -> tuple[Score, ...]:
+    """The scores of `watched` beside a fitted model, the largest gain first, each with a prior of its plausible size;
+    with their likeness to an effect at given parameters, where there is a `reference`.
     """
+    shares = _shares(of, watched, reference, len(fitted.layout.effects))
+    passes = side_by_side(
+        [partial(of.evaluate, fitted.layout, fitted.model, watched={**reference, **share}) for share in shares]
+    )
+    scores = [
+        score
+        for share, seen in zip(shares, passes, strict=True)
+        for score in _scores(of, fitted, seen, share, next(iter(reference), None))
+    ]
+    return tuple(sorted(scores, key=lambda one: -one.gain))
 
-    scores: tuple[Score, ...]
-    columns: Mapping[str, list[int]]
-    cross: Array
 
-    def of(self, name: str) -> Score | None:
-        """That of one effect."""
-        return next((score for score in self.scores if score.name == name), None)
+def _scores(
+    of: Likelihood, fitted: FittedModel, seen: Evaluation, watched: Effects, reference: str | None
+) -> Iterator[Score]:
+    """Those of one pass."""
+    own, scale = len(fitted.layout.names), fitted.evaluation.scale
+    information, score = _projected(seen.information / scale, seen.score / scale, fitted.layout.deviation, own)
+    whole = information.sum(axis=0)
+    columns: dict[str, list[int]] = {}
+    for k, name in enumerate(seen.names[own:]):
+        columns.setdefault(name, []).append(k)
+    for name, given in watched.items():
+        rows = columns[name]
+        sizes = np.array([c.plausible for c in of.effect(name).coefficients])
+        one = _score(name, information[:, rows][:, :, rows], score[:, rows], sizes, given)
+        likeness = _likeness(whole, columns[reference], rows) if reference is not None else 0.0
+        yield replace(one, likeness=likeness)
 
-    def likeness(self, name: str, other: str) -> float:
-        """Largest canonical correlation of what two effects would do to the innovations, 1: the same to this record; of
-        the one that the others were tested beside (`score_test`), and any other.
-        """
-        one, two = self.columns[name], self.columns[other]
-        a, b = (_whitener(self.cross[np.ix_(rows, rows)]) for rows in (one, two))
-        return float(np.linalg.norm(a @ self.cross[np.ix_(one, two)] @ b.T, 2))
+
+def _likeness(information: Array, one: list[int], two: list[int]) -> float:
+    a, b = (_whitener(information[np.ix_(rows, rows)]) for rows in (one, two))
+    return min(float(np.linalg.norm(a @ information[np.ix_(one, two)] @ b.T, 2)), 1.0)
 
 
 def _whitener(information: Array) -> Array:
@@ -70,97 +83,39 @@ def _whitener(information: Array) -> Array:
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T)
 
 
-def score_test(of: Likelihood, fitted: FittedModel, watched: Effects, beside: str = "") -> ScoreTable:
-    """The scores of `watched` beside a fitted model, each with a prior of its plausible size.
+def _shares(of: Likelihood, watched: Effects, reference: Effects, included: int) -> list[Effects]:
+    """The effects in as many passes as they need, and two where two may run at a time."""
 
-    beside: the one of them that is to be compared with all others (`ScoreTable.likeness`): it is in each of the passes.
-    """
-    shares = _shares(of, watched, len(fitted.layout.effects), beside)
-    passes = side_by_side([partial(of.evaluate, fitted.layout, fitted.model, watched=share) for share in shares])
-    own = len(fitted.layout.names)
-    joined = _joined(passes, own + (len(of.effect(beside).coefficients) if beside else 0))
-    names = joined.names[own:]
-    sizes = [c.plausible for name in dict.fromkeys(names) for c in of.effect(name).coefficients]
-    scale = fitted.evaluation.scale
-    prior = np.diag(fitted.layout.deviation**-2.0)
-    blocks = _projected(joined.information / scale, joined.score / scale, prior, own)
-    information = blocks[0].sum(axis=0)
-    columns: dict[str, list[int]] = {}
-    for k, name in zip(count(), names):
-        columns.setdefault(name, []).append(k)
-    scores = [
-        _score(name, columns[name], *blocks, np.array(sizes), watched[name]) for name in watched if name in columns
-    ]
-    return ScoreTable(tuple(sorted(scores, key=lambda one: -one.gain)), columns, information)
+    def signals(names: Effects) -> int:
+        return sum(len(of.effect(name).signals) for name in names)
 
-
-def _shares(of: Likelihood, watched: Effects, included: int, beside: str) -> list[Effects]:
-    """The effects in as many passes as they need, and two where two may run at a time; `beside` first in each."""
-    first = {beside: watched[beside]} if beside else {}
-    needed = len(of.effect(beside).signals) if beside else 0
-    shares: list[dict[str, Mapping[str, float]]] = [dict(first), dict(first)]
-    signals = [needed, needed]
+    shares: list[dict[str, Mapping[str, float]]] = [{}, {}]
     for name, given in watched.items():
-        if name == beside:
-            continue
-        wanted = len(of.effect(name).signals)
-        at = int(np.argmin([len(share) for share in shares]))
-        if len(shares[at]) + included + 2 > MAX_EFFECTS or signals[at] + wanted > MAX_SIGNALS - 16:
-            shares.append(dict(first))
-            signals.append(needed)
-            at = len(shares) - 1
-        shares[at][name] = given
-        signals[at] += wanted
-    return [share for share in shares if len(share) > len(first)] or [first]
+        least = min(shares, key=len)
+        full = len(least) + included + len(reference) >= MAX_EFFECTS
+        if full or signals(least) + signals(reference) + signals({name: given}) > MAX_SIGNALS // 2:
+            shares.append(least := {})
+        least[name] = given
+    return [share for share in shares if share]
 
 
-def _joined(passes: list[Evaluation], own: int) -> Evaluation:
-    """Passes with the same first `own` columns and different effects behind them, as one whose cross terms between the
-    effects of different passes are those through the parameters only.
-    """
-    if len(passes) == 1:
-        return passes[0]
-    first = passes[0]
-    sizes = [len(one.names) - own for one in passes]
-    k = own + sum(sizes)
-    information = np.zeros((len(first.score), k, k))
-    score = np.zeros((len(first.score), k))
-    information[:, :own, :own], score[:, :own] = first.information[:, :own, :own], first.score[:, :own]
-    begin = own
-    for one, size in zip(passes, sizes, strict=True):
-        part = slice(begin, begin + size)
-        information[:, part, part] = one.information[:, own:, own:]
-        information[:, :own, part], information[:, part, :own] = (
-            one.information[:, :own, own:],
-            one.information[:, own:, :own],
-        )
-        score[:, part] = one.score[:, own:]
-        begin += size
-    names = (*first.names[:own], *(name for one in passes for name in one.names[own:]))
-    return Evaluation(
-        names, score, information, first.power, first.logs, first.count, first.innovation, first.deviation
-    )
-
-
-def _projected(information: Array, score: Array, prior: Array, own: int) -> tuple[Array, Array]:
+def _projected(information: Array, score: Array, deviation: Array, own: int) -> tuple[Array, Array]:
     """By part of the record, information and score of the effects with the model's own parameters projected out."""
     whole = information.sum(axis=0)
-    taken = np.linalg.solve(whole[:own, :own] + prior, whole[:own, own:])
+    taken = np.linalg.solve(whole[:own, :own] + np.diag(deviation**-2.0), whole[:own, own:])
     left = np.vstack([-taken, np.eye(whole.shape[0] - own)])
     return np.einsum("ka,bkl,lc->bac", left, information, left, optimize=True), score @ left
 
 
-def _score(
-    name: str, rows: list[int], information: Array, score: Array, sizes: Array, given: Mapping[str, float]
-) -> Score:
-    whole, slope = information.sum(axis=0)[np.ix_(rows, rows)], score.sum(axis=0)[rows]
-    with_prior = whole + np.diag(sizes[rows] ** -2.0)
+def _score(name: str, information: Array, score: Array, sizes: Array, given: Mapping[str, float]) -> Score:
+    """Of information (blocks, c, c) and score (blocks, c)."""
     try:
-        covariance = np.linalg.inv(with_prior)
+        covariance = np.linalg.inv(information.sum(axis=0) + np.diag(sizes**-2.0))
     except np.linalg.LinAlgError:
-        return Score(name, 0.0, np.zeros(len(rows)), sizes[rows], 1.0, given)
+        return Score(name, 0.0, np.zeros(len(sizes)), 1.0, given)
+    slope = score.sum(axis=0)
     size = covariance @ slope
     # What is left of each part's score once the effect is there: noise, or something that is not this effect.
-    parts = score[:, rows] - np.einsum("bij,j->bi", information[:, rows][:, :, rows], size)
-    scatter = float(np.trace(covariance @ (parts.T @ parts))) / len(rows)
-    return Score(name, float(slope @ size), size, np.sqrt(np.diagonal(covariance)), scatter, given)
+    parts = score - np.einsum("bij,j->bi", information, size)
+    scatter = float(np.trace(covariance @ (parts.T @ parts))) / len(sizes)
+    return Score(name, float(slope @ size), size, scatter, given)

@@ -4,13 +4,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
+from types import MappingProxyType
 
 import numpy as np
 
 from estimator.identification.candidates import kind
 from estimator.identification.fit import FittedModel, advanced, at, climb, finished, fit, settle
 from estimator.identification.likelihood import Layout, Likelihood, Model
-from estimator.identification.score_test import Score, ScoreTable, score_test
+from estimator.identification.score_test import Score, score_test
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.trace.problem import Effects
@@ -38,7 +39,7 @@ class Round:
     """One step of the search: the model that it began with, its scores, the fitted candidates, the best first."""
 
     base: FittedModel
-    table: ScoreTable
+    table: tuple[Score, ...]
     fitted: tuple[tuple[str, FittedModel], ...]
     taken: str | None
 
@@ -108,25 +109,27 @@ def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: Fitted
     return settle(of, with_effect(of, base, score))
 
 
-def scored(of: Likelihood, fitted: FittedModel, watched: Effects, beside: str = "") -> tuple[ScoreTable, ...]:
+def scored(
+    of: Likelihood, fitted: FittedModel, watched: Effects, reference: Effects = MappingProxyType({})
+) -> tuple[tuple[Score, ...], ...]:
     """The scores of the effects beside a model (`score_test`); and where it leaves a random force larger than declared,
     the same at a quieter one, where effects look less alike, unless the filter loses the motion there.
     """
-    table = score_test(of, fitted, watched, beside)
+    table = score_test(of, fitted, watched, reference)
     noise, quietest = fitted.model.noise, of.declared_noise().force
     if noise.force <= quietest * QUIETER:
         return (table,)
     quieter = replace(fitted.model, noise=replace(noise, force=max(noise.force / QUIETER, quietest)))
     found = climb(of, at(of, fitted.layout, quieter))
-    return (table, score_test(of, found, watched, beside)) if found.evaluation.sound else (table,)
+    return (table, score_test(of, found, watched, reference)) if found.evaluation.sound else (table,)
 
 
-def shortlisted(tables: tuple[ScoreTable, ...], least: float) -> list[Score]:
+def shortlisted(tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
     """The best of each kind, the largest gain first, from each of the tables in turn, as many as are fitted; none that
     gains less than `least`.
     """
     best: dict[str, Score] = {}
-    orders = [[score for score in table.scores if score.gain > least] for table in reversed(tables)]
+    orders = [[score for score in table if score.gain > least] for table in reversed(tables)]
     for turn in zip_longest(*orders):
         for score in turn:
             if score is not None:

@@ -1,6 +1,6 @@
 """From a record to a diagnosis: fit, search, checks, words."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -27,6 +27,8 @@ SEARCHED = 25_000
 REFINED = 100_000
 """... and on which what was chosen is fitted: beyond, coefficients are surer than any model."""
 TWO_SIDED = 1.96
+OF_THE_REST = ("noise floor", "disturbance")
+"""Checks of what a model leaves."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -91,7 +93,7 @@ def _evidence(
 def verdict_of(named: list[str], checks: list[Check]) -> Verdict:
     """The word for what the checks say."""
     failed = [check for check in checks if not check.passed]
-    of_floor = [check for check in failed if check.name in ("noise floor", "disturbance")]
+    of_floor = [check for check in failed if check.name in OF_THE_REST]
     if not named:
         return Verdict.UNEXPLAINED if of_floor else Verdict.ADEQUATE
     if not failed:
@@ -121,7 +123,7 @@ def _diagnosis(
         before=before.fitted, after=after.fitted, held_out_before=before.held_out, held_out_after=after.held_out,
         residual_before=before.residual, residual_after=after.residual, split=split, reasons=reasons,
         angle_moved=None, share=share, left=after.findings if verdict is Verdict.PARTLY else (),
-        probabilities=_probabilities(evidence, groups, found),
+        probabilities=_probabilities(evidence, checks, groups, found),
     ).of_what_is_named()  # fmt: skip
 
 
@@ -143,21 +145,26 @@ def _found(name: str, evidence: Evidence, spread: Array) -> Found:
     )  # fmt: skip
 
 
-def _probabilities(evidence: Evidence, groups: Mapping[str, list[Member]], found: Search) -> tuple[Classes, ...]:
-    """How probable each account of the record is: likelihoods less what their coefficients cost (Schwarz, 1978)."""
-    samples = float(evidence.model.evaluation.count.sum())
-    price = 2.0 * float(np.log(samples))
-    other = samples * float(np.log(evidence.quiet.scale / evidence.disturbed.scale)) - 2.0 * float(
-        evidence.disturbed.logs.sum() - evidence.quiet.logs.sum()
-    )
+def _probabilities(
+    evidence: Evidence, checks: Iterable[Check], groups: Mapping[str, list[Member]], found: Search
+) -> tuple[Classes, ...]:
+    """How probable each account of the record is: likelihoods less what their coefficients cost (Schwarz, 1978).
+
+    Something else than the catalogue has is a random force, where a check finds more of it than a complete model may
+    leave.
+    """
+    quiet, disturbed = evidence.quiet, evidence.disturbed
+    price = 2.0 * float(np.log(quiet.count.sum()))
+    left = any(not check.passed and check.name in OF_THE_REST for check in checks)
+    other = 2.0 * (disturbed.log_likelihood - quiet.log_likelihood) - price if left else -price
     if not evidence.without:
         last = found.rounds[-1]
-        gains = {kind(name): 2.0 * (one.objective - last.base.objective) - price for name, one in last.fitted}
-        return (_classes(None, {"nothing": 0.0, "something else": other - price, **gains}),)
+        gains = {kind(score.name): score.robust - price for score in reversed(last.table)}
+        return (_classes(None, {"nothing": 0.0, "something else": other, **gains}),)
     classes = []
     for name, without in evidence.without.items():
-        gain = 2.0 * (evidence.model.objective - without.objective) - price
-        weights = {"nothing": 0.0, kind(name): gain, "something else": gain + other - price}
+        gain = evidence.model.gain_over(without)
+        weights = {"nothing": 0.0, kind(name): gain, "something else": gain + other}
         weights |= {kind(member.name): gain - member.deficit for member in groups[name]}
         classes.append(_classes(kind(name), weights))
     return tuple(classes)
@@ -175,8 +182,8 @@ def _rejected(found: Search, named: list[str]) -> tuple[Rejected, ...]:
     first, last = found.rounds[0].table, found.rounds[-1].table
     fitted = {name: 2.0 * (one.objective - found.rounds[-1].base.objective) for name, one in found.rounds[-1].fitted}
     kinds = {kind(name) for name in named}
-    for score in last.scores:
-        alone = first.of(score.name)
+    for score in last:
+        alone = next((one for one in first if one.name == score.name), None)
         which = kind(score.name)
         if which in kinds or which in rejected:
             continue
