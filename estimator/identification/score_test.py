@@ -35,6 +35,11 @@ class Score:
     given: Mapping[str, float]
     likeness: float = 0.0
 
+    @property
+    def robust(self) -> float:
+        """The gain as far as the record is sure of it, where what the model leaves is no white noise."""
+        return self.gain / max(self.scatter, 1.0)
+
 
 def score_test(
     of: Likelihood, fitted: FittedModel, watched: Effects, reference: Effects = MappingProxyType({})
