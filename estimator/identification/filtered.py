@@ -13,8 +13,8 @@ from estimator.trace.problem import Effects, Problem
 
 FORCE_DECADES = 8.0
 """Above what is declared that a random force may be: at the top, a filter follows whatever moves."""
-RATE_BELOW, RATE_ABOVE = 3.0, 2.0
-"""Decades about the declared random walk of the rate: a rate that turns by a law is none."""
+RATE_DECADES = 2.0
+"""Above the declared random walk of the rate.  Not below: the rate may do later what it did not do yet."""
 CLOSE, ROUGH = 0.5, 1.0
 """Decades to which a level is found: the likelihood of any parameter is flat beside that."""
 BEGINNING = 6_000
@@ -92,7 +92,7 @@ class Filtered:
         if self.axes == 1:
             return model
         declared = np.log10(self.declared_noise().rate)
-        between = (float(declared - RATE_BELOW), float(declared + RATE_ABOVE))
+        between = (float(declared), float(declared + RATE_DECADES))
 
         def with_rate(value: float) -> Model:
             return replace(model, noise=replace(model.noise, rate=float(10.0**value)))
