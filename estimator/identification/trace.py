@@ -12,7 +12,7 @@ from estimator.identification.ambiguity import Member, exchanged
 from estimator.identification.candidates import kind
 from estimator.identification.checks import CHECKS, Check, Evidence, covariance
 from estimator.identification.filtered import Filtered
-from estimator.identification.fit import FittedModel, at, finished, settle
+from estimator.identification.fit import FittedModel, at, climb, finished, settle
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.search import Search, search, without_effect
 from estimator.scaling import Array
@@ -75,7 +75,7 @@ def _evidence(
     fitted: Likelihood, later: Likelihood, model: FittedModel, named: list[str], after: Examination
 ) -> Evidence:
     without = dict(
-        zip(named, side_by_side([partial(without_effect, fitted, model, name) for name in named]), strict=True)
+        zip(named, side_by_side([partial(_without, fitted, model, name) for name in named]), strict=True)
     )
 
     def over_later(one: FittedModel) -> Evaluation:
@@ -88,6 +88,14 @@ def _evidence(
         fitted.evaluate(model.layout, quiet, derivatives=False),
         fitted.evaluate(model.layout, model.model, derivatives=False),
     )  # fmt: skip
+
+
+def _without(of: Likelihood, model: FittedModel, name: str) -> FittedModel:
+    """The model with one effect less, fitted anew at the noise that it has with it: a larger random force would follow
+    what the effect explains.
+    """
+    less = without_effect(of, model, name)
+    return climb(of, at(of, less.layout, replace(less.model, noise=model.model.noise)))
 
 
 def verdict_of(named: list[str], checks: list[Check]) -> Verdict:
