@@ -1,8 +1,9 @@
 """From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -38,6 +39,13 @@ from hil.time_left import TimeLeft
 _CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped
 
 
+class Tracer(Protocol):
+    """From a problem to a diagnosis."""
+
+    def __call__(self, problem: Problem, *, split: int, progress: Callable[[str, int, int], None]) -> traced.Diagnosis:
+        """Choose effects on the samples before `split`, score them on the rest."""
+
+
 @dataclass(frozen=True)
 class Traced:
     """Where a trace was written (diagnosis.json, report.html, bench.toml), and what it came to."""
@@ -57,6 +65,7 @@ def trace_file(
     missing_force: bool | None = None,
     also: Sequence[str] = (),
     progress: Watcher,
+    search: Tracer | None = None,
 ) -> Traced:
     """Trace `capture` by the bench file at `bench`, of an oscillator or of a rate sensor; see `trace`."""
     declared = load_any_bench(bench)
@@ -68,8 +77,9 @@ def trace_file(
         return _trace_sensor(capture, declared, bench, out, name or "trace", report=report, progress=progress)
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
     return trace(
-        capture, named, out, fraction=fraction, report=report, missing_force=missing_force, also=also, progress=progress
-    )
+        capture, named, out, fraction=fraction, report=report, missing_force=missing_force, also=also,
+        progress=progress, search=search,
+    )  # fmt: skip
 
 
 @one_blas_thread()
@@ -84,6 +94,7 @@ def trace(
     missing_force: bool | None = None,
     also: Sequence[str] = (),
     progress: Watcher,
+    search: Tracer | None = None,
 ) -> Traced:
     """Find what the model of `bench` lacks on the record at `capture`; a new folder below `out` has the answer,
     with `report` as a page too.
@@ -91,7 +102,8 @@ def trace(
     Effects are chosen on the first `fraction` of the record and scored on the rest.  Without one, a record with a
     segment `train` and another that follows it is split as it says itself.  force: whether the missing force is
     estimated without a name; None: where something is left and a page is drawn.  also: effects to try that a trace
-    tries on request only, names or several with commas between them.  Raises InputError for a record that cannot be
+    tries on request only, names or several with commas between them.  search: another tracer, for a comparison.  Raises
+    InputError for a record that cannot be
     traced, or that does not belong to the bench file, and for effects that are none; nothing is left then.
     """
     if bench.device.sense.is_envelope:
@@ -123,9 +135,9 @@ def trace(
 
         def searched() -> traced.Diagnosis:
             # Compiles: after what can be refused without it, and where Ctrl-C need not wait for it.
-            from estimator.trace.tracing import trace as search
+            from estimator.trace.tracing import trace as usual
 
-            return search(problem, split=split, progress=told)
+            return (search or usual)(problem, split=split, progress=told)
 
         found = interruptible(searched)
     except ModelError as error:

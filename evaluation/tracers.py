@@ -1,0 +1,158 @@
+"""`python -m evaluation.tracers EMULATOR`: one tracer on records of one emulator, judged.
+
+EMULATOR is `alder` or `birch` (evaluation/strangers), or `undeclared` (evaluation/undeclared), whose records are made
+first by `python -m evaluation.undeclared generate --folder FOLDER`.  Give the same seed and folder with each of the
+tracers to have both on the same records.  Answers are kept in FOLDER/TRACER, so that it can go on.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from estimator.side_by_side import one_worker_each
+from evaluation.undeclared.judging import judge
+from hil.errors import InputError
+from hil.interchange.importer import import_record
+from hil.records.atomic import write_text
+from hil.tracing import Tracer, trace_file
+
+Answer = dict[str, Any]
+
+
+def main() -> int:
+    """Make, trace, judge, print; returns the exit code."""
+    parser = argparse.ArgumentParser(prog="python -m evaluation.tracers", description=__doc__)
+    parser.add_argument("emulator", choices=["alder", "birch", "undeclared"])
+    parser.add_argument("--tracer", choices=["trace", "identification"], default="trace")
+    parser.add_argument("--seed", type=int, default=1, help="of the records of alder and birch (default 1)")
+    parser.add_argument("--folder", type=Path, required=True, help="of the records and the answers")
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
+    parser.add_argument("--most", type=int, default=10**6, help="records at most")
+    options = parser.parse_args()
+    folder: Path = options.folder
+    if options.emulator != "undeclared" and not (folder / "truth.json").exists():
+        maker = [sys.executable, "-m", f"evaluation.strangers.{options.emulator}"]
+        subprocess.run([*maker, "--seed", str(options.seed), "--out", str(folder)], check=True)
+    places = sorted(_places(folder))[: options.most]
+    one_worker_each()
+    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
+        answers = dict(
+            zip(
+                [place.stem for place in places], pool.map(_traced, places, [options.tracer] * len(places)), strict=True
+            )
+        )
+    summary = _of_undeclared(folder, answers) if options.emulator == "undeclared" else _of_strangers(folder, answers)
+    seconds = np.array([answer["cpu_s"] for answer in answers.values()])
+    summary["cpu_s"] = {"median": float(np.median(seconds)), "95 %": float(np.quantile(seconds, 0.95))}
+    write_text(folder / f"{options.tracer}.json", json.dumps(summary, indent=1) + "\n")
+    print(json.dumps(summary, indent=1))
+    return 0
+
+
+def _places(folder: Path) -> Iterator[Path]:
+    """Records: CSV files beside their bench file, or folders with a capture."""
+    yield from folder.glob("[0-9][0-9].csv")
+    yield from (truth.parent for truth in folder.glob("*/truth.json"))
+
+
+def _traced(place: Path, tracer: str) -> Answer:
+    """The diagnosis of one record, kept beside the others of that tracer."""
+    kept = place.parent / tracer / f"{place.stem}.json"
+    if kept.exists():
+        answer: Answer = json.loads(kept.read_text())
+        return answer
+    kept.parent.mkdir(exist_ok=True)
+    capture, bench = place / "capture.arrow", place / "bench.toml"
+    if place.suffix == ".csv":
+        capture, bench = kept.with_suffix(".arrow"), place.with_suffix(".bench.toml")
+        import_record(place, capture, map_file=None, nonuniform=False)
+    begin = time.process_time()
+    try:
+        done = trace_file(
+            capture, bench, kept.with_suffix(""), name=None, fraction=None, report=False, progress=lambda _: None,
+            search=_named(tracer),
+        )  # fmt: skip
+        answer = {"diagnosis": json.loads((done.folder / "diagnosis.json").read_text())}
+    except InputError as refusal:
+        answer = {"diagnosis": None, "refused": str(refusal)}
+    answer["cpu_s"] = time.process_time() - begin
+    write_text(kept, json.dumps(answer))
+    return answer
+
+
+def _named(tracer: str) -> Tracer:
+    if tracer == "trace":
+        from estimator.trace.tracing import trace
+    else:
+        from estimator.identification.trace import trace
+    return trace
+
+
+def _of_strangers(folder: Path, answers: Mapping[str, Answer]) -> dict[str, Any]:
+    """By kind of record, how many were answered right; intervals of effects named right that hold the truth."""
+    truth = json.loads((folder / "truth.json").read_text())
+    right, number, intervals, wrong = Counter[str](), Counter[str](), [0, 0], {}
+    for name, answer in answers.items():
+        kind, hidden = truth[name]["kind"], truth[name]["effects"]
+        said = answer["diagnosis"] or {"verdict": "refused", "effects": [], "confusable": []}
+        number[kind] += 1
+        if _is_right(kind, [effect["name"] for effect in hidden], said):
+            right[kind] += 1
+        else:
+            wrong[name] = [kind, [e["name"] for e in hidden], said["verdict"], [e["name"] for e in said["effects"]]]
+        for effect in said["effects"] if said["verdict"] == "explained" else ():
+            for true in hidden:
+                if true["name"] == effect["name"]:
+                    for symbol, value in true["coefficients"].items():
+                        if symbol in effect["coefficients"]:
+                            low, high = effect["coefficients"][symbol]["ci95"]
+                            intervals[0] += low <= value <= high
+                            intervals[1] += 1
+    return {
+        "right": {kind: [right[kind], number[kind]] for kind in number}, "intervals": intervals, "not right": wrong
+    }  # fmt: skip
+
+
+def _is_right(kind: str, hidden: list[str | None], said: Mapping[str, Any]) -> bool:
+    """Clean: adequate. Effects: explained by just these, or by members of their groups. Outside: neither word."""
+    if kind == "clean":
+        return bool(said["verdict"] == "adequate")
+    if kind == "outside":
+        return said["verdict"] not in ("explained", "adequate")
+    named = [effect["name"] for effect in said["effects"]]
+    groups = [{name} | {c["with"] for c in said["confusable"] if c["effect"] == name} for name in named]
+    found = all(any(name in group for group in groups) for name in hidden)
+    return said["verdict"] == "explained" and found and len(named) == len(hidden)
+
+
+def _of_undeclared(folder: Path, answers: Mapping[str, Answer]) -> dict[str, Any]:
+    """By category, how many have the class of what is hidden first, and are right; intervals that hold the truth."""
+    number, first, right = Counter[str](), Counter[str](), Counter[str]()
+    covered: list[bool] = []
+    wrong = {}
+    for name, answer in answers.items():
+        judged = judge(json.loads((folder / name / "truth.json").read_text()), answer["diagnosis"])
+        number[judged.category] += 1
+        first[judged.category] += judged.first_class
+        right[judged.category] += judged.right
+        covered += judged.covered.values()
+        if not judged.right:
+            wrong[name] = [judged.verdict, list(judged.named)]
+    return {
+        "n": dict(number), "class first": dict(first), "right": dict(right),
+        "intervals": [sum(covered), len(covered)], "not right": wrong,
+    }  # fmt: skip
+
+
+if __name__ == "__main__":
+    sys.exit(main())
