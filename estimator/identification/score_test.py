@@ -23,14 +23,16 @@ from estimator.trace.problem import Effects
 class Score:
     """One effect at given parameters.
 
-    gain: twice the gain of log-likelihood; size (c,) of its coefficients, scaled; scatter: by how much more than noise
-    its score differs from part to part of the record, 1 where it does not; given: its parameters, SI; likeness: largest
-    canonical correlation of what it does to the innovations with what a reference does, 1: the same to this record.
+    gain: twice the gain of log-likelihood; size, deviation (c,) of its coefficients, scaled; scatter: by how much more
+    than noise its score differs from part to part of the record, 1 where it does not; given: its parameters, SI;
+    likeness: largest canonical correlation of what it does to the innovations with what a reference does, 1: the same
+    to this record.
     """
 
     name: str
     gain: float
     size: Array
+    deviation: Array
     scatter: float
     given: Mapping[str, float]
     likeness: float = 0.0
@@ -117,10 +119,10 @@ def _score(name: str, information: Array, score: Array, sizes: Array, given: Map
     try:
         covariance = np.linalg.inv(information.sum(axis=0) + np.diag(sizes**-2.0))
     except np.linalg.LinAlgError:
-        return Score(name, 0.0, np.zeros(len(sizes)), 1.0, given)
+        return Score(name, 0.0, np.zeros(len(sizes)), sizes, 1.0, given)
     slope = score.sum(axis=0)
     size = covariance @ slope
     # What is left of each part's score once the effect is there: noise, or something that is not this effect.
     parts = score - np.einsum("bij,j->bi", information, size)
     scatter = float(np.trace(covariance @ (parts.T @ parts))) / len(sizes)
-    return Score(name, float(slope @ size), size, scatter, given)
+    return Score(name, float(slope @ size), size, np.sqrt(np.diagonal(covariance)), scatter, given)
