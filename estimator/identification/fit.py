@@ -34,9 +34,18 @@ class FittedModel:
     converged: bool
 
     @property
+    def likeliness(self) -> float:
+        """Twice the log-likelihood, with the declared constants as measurements; the plausible sizes of effects only
+        keep a fit in hand, and say nothing of which effect it is.
+        """
+        declared = np.array([owner == "" for owner in self.layout.owner])
+        off = ((self.model.theta - self.layout.mean) / self.layout.deviation)[declared]
+        return 2.0 * self.evaluation.log_likelihood - float(off @ off)
+
+    @property
     def standing(self) -> float:
-        """Twice the penalised log-likelihood, less what the parameters cost (Schwarz, Annals of Statistics 6, 1978)."""
-        return 2.0 * self.objective - len(self.layout.names) * float(np.log(self.evaluation.count.sum()))
+        """The same, less what the parameters cost (Schwarz, Annals of Statistics 6, 1978)."""
+        return self.likeliness - len(self.layout.names) * float(np.log(self.evaluation.count.sum()))
 
     @cached_property
     def scatter(self) -> float:
@@ -54,7 +63,7 @@ class FittedModel:
         """
         more = len(self.layout.names) - len(other.layout.names)
         samples = float(self.evaluation.count.sum())
-        return 2.0 * (self.objective - other.objective) / self.scatter - more * float(np.log(samples))
+        return (self.likeliness - other.likeliness) / self.scatter - more * float(np.log(samples))
 
     @property
     def posterior_information(self) -> Array:
