@@ -142,7 +142,7 @@ def floor(seen: Evidence) -> list[Check]:
 
 
 def disturbance(seen: Evidence) -> list[Check]:
-    """No random force is left that explains a part of the innovation: what has no name stands in it."""
+    """No nonparametric disturbance, a random force, explains a part of the innovation."""
     ratio = (
         seen.disturbed.scale
         / seen.quiet.scale
@@ -152,7 +152,7 @@ def disturbance(seen: Evidence) -> list[Check]:
     return [
         Check(
             "disturbance", share < DISTURBANCE,
-            f"a random force without a name explains {share:.2%} of the innovation's power",
+            f"a nonparametric disturbance explains {share:.2%} of the innovation's power",
         )
     ]  # fmt: skip
 

@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from estimator.record import Record
+from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.trace.problem import Problem
+
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]
 """Parameters by name, each (m,)."""
@@ -212,3 +216,39 @@ def simulated(
         t, before = t + h[k], drive[k]
         sense[k] = GAIN[:axes] * s[::2, 0] + 0.02 + noise[:axes] * rng.standard_normal(axes)
     return sense, drive, h, begun
+
+
+WHITE = 3e-4  # m/s² per √Hz
+
+
+def records(draws: int, n: int = 1500, late: float = 0.0) -> tuple[Array, Array]:
+    """Sense (draws, n, 2) V and held drive (draws, n, 2) of a linear gyro that turns at 0.3 rad/s under a white force,
+    sensed so many s late.
+    """
+    rng = np.random.default_rng(17)
+    p = {name: np.array([value]) for name, value in BASE.items()} | {"rate": np.array([0.3])}
+    generator = Plain(2, np.zeros(0), np.zeros(0), NOISE).generator(p)[0]
+    whole, back = expm(generator / RATE), expm(-generator * late)
+    s = np.tile(AMPLITUDE * np.array([0.9, 0.1 * OMEGA0, 0.3, -0.5 * OMEGA0])[:, None], draws)
+    sense, drive = np.zeros((draws, n, 2)), np.zeros((draws, n, 2))
+    for k in range(n):
+        u = 12.0 * (s[1::2] + 2.0 * AMPLITUDE * OMEGA0 * rng.standard_normal((2, draws)))
+        s = whole[:4, :4] @ s + whole[:4, 4:] @ u
+        seen = back[:4, :4] @ s + back[:4, 4:] @ u
+        s[1::2] += WHITE / np.sqrt(2.0 * RATE) * rng.standard_normal((2, draws))
+        drive[:, k] = u.T
+        sense[:, k] = (GAIN[:, None] * seen[::2] + NOISE[:, None] * rng.standard_normal((2, draws))).T + np.array([0.004, -0.003])
+    return sense, drive
+
+
+def problem(sense: Array, drive: Array, off: float = 1.0) -> Problem:
+    """Of such a record, the stiffness of one axis declared that much too large, and of the other too small."""
+    values = [off * BASE["kxx"], BASE["kyy"] / off, BASE["kxy"], BASE["dxx"], BASE["dyy"], BASE["dxy"]]
+    device = Device(
+        RATE, tuple(values[:3]), tuple(values[3:]), AMPLITUDE, tuple(GAIN), tuple(NOISE), target_stiffness=OMEGA0**2
+    )
+    settings = ObserverSettings(
+        gain=Gain.EKF, spread=Spread(offset=0.02, rate=1.0, stiffness=0.05, damping=2.0),
+        process_noise=ProcessNoise(force=WHITE, rate=0.05),
+    )  # fmt: skip
+    return Problem(Record(sense, drive[:, :, None], np.full(len(sense), 1 / RATE)), device, settings)

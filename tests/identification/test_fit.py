@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
-from scipy.linalg import expm
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
@@ -12,11 +11,9 @@ from estimator.identification.checks import covariance
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import FittedModel, at, climb, fit, settle
 from estimator.identification.likelihood import BLOCKS, Evaluation, Layout, Model
-from estimator.record import Record
-from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Effects
 from tests.identification.linear import Linear, fitted, made
-from tests.identification.plain import AMPLITUDE, BASE, GAIN, NOISE, OMEGA0, RATE, Array, Plain
+from tests.identification.plain import BASE, Array, problem, records
 
 COLUMNS = {"one": np.random.default_rng(4).standard_normal((600, 1)), "two": np.ones((600, 2)) * [1.0, 0.0]}
 
@@ -107,38 +104,7 @@ def test_a_pass_that_fails_is_worth_nothing_and_no_start() -> None:
     assert climb(of, lost) is lost
 
 
-N, DRAWS = 1500, 40
-
-
-def records() -> tuple[Array, Array]:
-    """Sense (draws, n, 2) V and held drive (draws, n, 2) of a linear gyro that turns at 0.3 rad/s, with a white force."""
-    rng = np.random.default_rng(17)
-    p = {name: np.array([value]) for name, value in BASE.items()} | {"rate": np.array([0.3])}
-    whole = expm(Plain(2, np.zeros(0), np.zeros(0), NOISE).generator(p)[0] / RATE)
-    s = np.tile(AMPLITUDE * np.array([0.9, 0.1 * OMEGA0, 0.3, -0.5 * OMEGA0])[:, None], DRAWS)
-    sense, drive = np.zeros((DRAWS, N, 2)), np.zeros((DRAWS, N, 2))
-    for k in range(N):
-        u = 12.0 * (s[1::2] + 2.0 * AMPLITUDE * OMEGA0 * rng.standard_normal((2, DRAWS)))
-        s = whole[:4, :4] @ s + whole[:4, 4:] @ u
-        s[1::2] += WHITE / np.sqrt(2.0 * RATE) * rng.standard_normal((2, DRAWS))
-        drive[:, k] = u.T
-        sense[:, k] = (GAIN[:, None] * s[::2] + NOISE[:, None] * rng.standard_normal((2, DRAWS))).T + [0.004, -0.003]
-    return sense, drive
-
-
-WHITE = 3e-4  # m/s² per √Hz, and so declared
-
-
-def likelihood(sense: Array, drive: Array, off: float = 1.0) -> Filtered:
-    values = [off * BASE["kxx"], BASE["kyy"] / off, BASE["kxy"], BASE["dxx"], BASE["dyy"], BASE["dxy"]]
-    device = Device(
-        RATE, tuple(values[:3]), tuple(values[3:]), AMPLITUDE, tuple(GAIN), tuple(NOISE), target_stiffness=OMEGA0**2
-    )
-    settings = ObserverSettings(
-        gain=Gain.EKF, spread=Spread(offset=0.02, rate=1.0, stiffness=0.05, damping=2.0),
-        process_noise=ProcessNoise(force=WHITE, rate=0.05),
-    )  # fmt: skip
-    return Filtered(Problem(Record(sense, drive[:, :, None], np.full(len(sense), 1 / RATE)), device, settings))
+DRAWS = 40
 
 
 def errors(found: FittedModel) -> tuple[Array, Array]:
@@ -150,8 +116,8 @@ def errors(found: FittedModel) -> tuple[Array, Array]:
 
 @pytest.mark.slow
 def test_errors_of_many_fits_are_as_large_as_their_covariance_says() -> None:
-    sense, drive = records()
-    found = [errors(fit(likelihood(z, u), {})) for z, u in zip(sense, drive, strict=True)]
+    sense, drive = records(DRAWS)
+    found = [errors(fit(Filtered(problem(z, u)), {})) for z, u in zip(sense, drive, strict=True)]
     low, high = chi2.ppf([0.0005, 0.9995], DRAWS * len(BASE)) / DRAWS
     assert low < np.mean([nees for _, nees in found]) < high
     assert np.max(np.abs([each for each, _ in found])) < 4.0
@@ -160,8 +126,8 @@ def test_errors_of_many_fits_are_as_large_as_their_covariance_says() -> None:
 @pytest.mark.moderate
 @pytest.mark.parametrize("off", [0.97, 1.03])
 def test_a_fit_finds_a_stiffness_that_is_declared_wrong(off: float) -> None:
-    sense, drive = records()
-    found = fit(likelihood(sense[0], drive[0], off), {})
+    sense, drive = records(1)
+    found = fit(Filtered(problem(sense[0], drive[0], off)), {})
     assert found.converged
     assert np.max(np.abs(errors(found)[0])) < 4.0
     assert found.evaluation.scale == pytest.approx(1.0, abs=0.1)
