@@ -16,7 +16,7 @@ BLOCK = 12
 """The width of a matrix of equations is a multiple of it."""
 
 _SCAN = Arguments(
-    ("n", "terms", "warm", "count", "known", "weighed", "width", "instants"),
+    ("n", "terms", "warm", "count", "known", "weighed", "turning", "width", "instants"),
     ("constants", "z", "u", "h", "temperature", "rows", "delta", "equations", "turned", "course", "scratch"),
     ("level",),
 )
@@ -40,11 +40,11 @@ class Signatures(NamedTuple):
 
     delta (states + active constants, k): sensitivity of the filter's estimates to them, carried on; turned (k,): that
     of the reported angle, of two axes, carried on and written to course (rows, k) at equal distances, the last time
-    after the last sample.  equations (axes · n, k + 1 or more) receive, where there are any, the innovations'
-    sensitivities and behind them the innovation, all over its deviation; columns beyond are left alone.  Samples around
-    an innovation larger than `level` times its variance count less, in proportion: a jump of the rate says nothing of
-    an effect.  The first columns are those of the constants `known` (indices among all), which the filter does not
-    estimate.
+    after the last sample; (0,) where it is not followed.  equations (axes · n, k + 1 or more) receive, where there are
+    any, the innovations' sensitivities, behind them the innovation, both whitened, and in a next column, where there is
+    one, the logarithm of its deviation.  Samples around an innovation larger than `level` times its variance count
+    less, in proportion: a jump of the rate says nothing of an effect.  The first columns are those of the constants
+    `known` (indices among all), which the filter does not estimate.
     """
 
     delta: Floats
@@ -79,8 +79,9 @@ def scan_block(observer: Observing, portion: Portion, signatures: Signatures) ->
     LIBRARY.gyro_scan_block(
         ctypes.c_void_p(observer.core),
         _SCAN(
-            n=len(z), terms=u.shape[2], warm=len(temperature) > 0, count=count, known=len(known), weighed=len(equations) > 0,
-            width=equations.shape[1], instants=len(course), constants=known, z=z, u=u, h=h, temperature=temperature, rows=rows,
+            n=len(z), terms=u.shape[2], warm=len(temperature) > 0, count=count, known=len(known),
+            weighed=len(equations) > 0, turning=len(turned) > 0, width=equations.shape[1], instants=len(course),
+            constants=known, z=z, u=u, h=h, temperature=temperature, rows=rows,
             delta=delta, equations=equations, turned=turned, course=course,
             scratch=np.zeros(2 * constants + (2 + rows_of_delta) * count), level=level,
         ),

@@ -37,6 +37,7 @@ typedef struct {
     whole count;           /* coefficients */
     whole known;           /* constants of the flow among them */
     whole weighed;         /* 1: equations are filled */
+    whole turning;         /* 1: the reported angle is followed, over this block and the next */
     whole width;           /* numbers in a row of equations */
     whole instants;        /* rows of course */
     const whole *constants; /* (known,) */
@@ -379,7 +380,7 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
     const Table table = table_of(observer);
     const Sample sample = {scan->z + m * axes, scan->u + m * axes * scan->terms, scan->terms, scan->h[m]};
     real *x = estimate->x, before[4], foreseen[4];
-    int turning = axes == 2 && memory->started == 1 && scan->instants > 0;
+    int turning = axes == 2 && memory->started == 1 && scan->turning == 1;
     real rotation = memory->rotation, rate = memory->rate;
     for (whole i = 0; i < states; i++)
         before[i] = x[i];

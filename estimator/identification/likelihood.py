@@ -305,7 +305,7 @@ class _Pass:
             scan_block(
                 self.observer,
                 portion,
-                Signatures(self.delta, self.level, equations[lines], np.zeros(k), nowhere, self.known),
+                Signatures(self.delta, self.level, equations[lines], np.zeros(0), nowhere, self.known),
             )
             if spread is not None:
                 self.observer.unsettle(spread)

@@ -7,6 +7,7 @@
 static Following followed(whole states, whole constants, whole count, whole rows, real *scratch)
 {
     Following follow = {.count = count, .constants = constants, .origin = constants - count, .rate_row = -1};
+    follow.watched = count;
     follow.rows = rows;
     follow.by_constants = scratch;
     follow.signature = scratch + 2 * constants;

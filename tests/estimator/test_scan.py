@@ -8,7 +8,6 @@ import pytest
 
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.observer import Observer
-from estimator.oracle.numpy_observer import NumpyObserver
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
@@ -17,6 +16,7 @@ from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.scan import scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
+from tests.estimator.whitening import whitener
 
 OMEGA0 = 2 * np.pi * 200.0
 K = OMEGA0**2
@@ -68,26 +68,10 @@ def record() -> Record:
     return loop_record(everything, DEVICE, SETTINGS, latency=1, noise=0.0)
 
 
-class Joint(NumpyObserver):
-    """Keeps what it expects of both channels together: roots (axes, axes) of the covariances of its innovations, V."""
-
-    def __init__(self, device: Device, settings: ObserverSettings) -> None:
-        super().__init__(device, settings)
-        self.roots: list[Array] = []
-
-    def _correct_with(self, z: Array) -> tuple[Array, Array]:
-        jacobian = self._model.jacobian(self.x[: self.states], self.x[self.states :])[:, self.estimated_index]
-        joint = jacobian @ self._p @ jacobian.T + self._noise
-        self.roots.append(np.linalg.cholesky(joint * np.outer(self.volts, self.volts)))
-        return super()._correct_with(z)
-
-
 @cache
-def whitener() -> Array:
-    """(n, axes, axes): what makes the innovations of the record white, and of unit variance."""
-    observer = Joint(DEVICE, SETTINGS)
-    observer.run(record().sense, record().drive)
-    return np.linalg.inv(np.array(observer.roots))
+def white() -> Array:
+    """(n, axes, axes): what makes the innovations of the record white."""
+    return whitener(DEVICE, SETTINGS, record().sense, record().drive)
 
 
 @pytest.mark.slow
@@ -107,7 +91,7 @@ def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: s
         observer = Observer(DEVICE, carrying)
         observer.hold_coefficients()
         moved = (run(observer, record()).innovation - without) / 1e-4
-        expected = np.sum(np.einsum("nab,nb->na", whitener(), moved) ** 2)
+        expected = np.sum(np.einsum("nab,nb->na", white(), moved) ** 2)
         assert normal[column, column] == pytest.approx(expected, rel=0.1 if name in KINKED else 0.01)
 
 

@@ -21,6 +21,7 @@ from estimator.trace.scan import COURSE, PARTS, Scan, scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
 from estimator.trace.start import begin_about, begin_moving
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS
+from tests.estimator.whitening import whitener
 
 UNLIKE = replace(DEVICE, sense_gain=(-890.0, 445.0), noise=(9e-5, 4e-5))
 WATCHED: dict[str, dict[str, float]] = {"drive_gain": {}, "cubic_stiffness": {}, "sense_gain": {}}
@@ -37,18 +38,19 @@ def record() -> Record:
 
 @pytest.mark.moderate
 def test_normal_equations_are_those_of_what_carrying_an_effect_does_part_by_part(record: Record) -> None:
-    """N = Σ (δν/σ)² and b = Σ δν ν/σ² of each part, δν by two runs with a coefficient a ten-thousandth of its size."""
+    """N = Σ δνᵀS⁻¹δν and b = Σ δνᵀS⁻¹ν of each part, δν by two runs with a ten-thousandth of the coefficient's size."""
     seen = scan(Problem(record, UNLIKE, SETTINGS), WATCHED)
     assert seen.columns == {"drive_gain": slice(0, 2), "cubic_stiffness": slice(2, 4), "sense_gain": slice(4, 5)}
     plain = run(Observer(UNLIKE, SETTINGS), record)
     np.testing.assert_allclose(seen.innovation, plain.innovation, rtol=1e-6, atol=1e-12)
     np.testing.assert_allclose(seen.deviation, plain.innovation_deviation, rtol=1e-6)
     assert seen.ratio == pytest.approx(np.sqrt(np.mean((plain.innovation / plain.innovation_deviation) ** 2)))
+    white = whitener(UNLIKE, SETTINGS, record.sense, record.drive)
     for name, column, at in (("hy", "drive_gain", 1), ("k3x", "cubic_stiffness", 2), ("gy", "sense_gain", 4)):
         observer = Observer(UNLIKE, replace(SETTINGS, effects={column: {name: 1e-4 * seen.plausible[at]}}))
         observer.hold_coefficients()
-        moved = (run(observer, record).innovation - plain.innovation) / 1e-4 / seen.deviation
-        normalised = plain.innovation / seen.deviation
+        moved = np.einsum("nab,nb->na", white, run(observer, record).innovation - plain.innovation) / 1e-4
+        normalised = np.einsum("nab,nb->na", white, plain.innovation)
         for part, (begin, end) in enumerate(edges(len(record))):
             rows = slice(begin, end)
             assert seen.normal[part, at, at] == pytest.approx(np.sum(moved[rows] ** 2), rel=0.02)

@@ -19,6 +19,7 @@ from tests.estimator.core_pieces import piece, workspace
 from tests.estimator.gyro_loop import Array, Truth, free_motion
 from tests.estimator.test_backends import free_record
 from tests.estimator.test_effects import base, values
+from tests.estimator.whitening import whitener
 
 TRUTH = Truth(force_noise=1e-5)
 N = 90
@@ -85,11 +86,17 @@ def scanned(
 def carried(
     settings: ObserverSettings, name: str, sizes: dict[str, float], record: tuple[Array, Array], open_loop: bool
 ) -> tuple[Array, Array]:
-    """Innovation over its deviation (2 N,), scaled, and angle (N,) with the effect held at these coefficients."""
+    """Innovation over its deviation (2 N,), scaled, and angle (N,) with the effect held at these coefficients; of an
+    EKF, whose innovations of both axes go together, white.
+    """
     one = made(replace(settings, effects={name: sizes} if name else {}), open_loop=open_loop)
     one.hold_coefficients()
     found = one.run(*record)
-    return (np.sign(one.volts) * found.innovation / found.innovation_deviation).ravel(), found.angle
+    if settings.gain is not Gain.EKF:
+        return (np.sign(one.volts) * found.innovation / found.innovation_deviation).ravel(), found.angle
+    bare = replace(settings, open_loop=open_loop)
+    white = whitener(TRUTH.device(), bare, *record, TRUTH.controller())
+    return (np.sign(one.volts) * np.einsum("nab,nb->na", white, found.innovation)).ravel(), found.angle
 
 
 @pytest.mark.parametrize("gain", [Gain.EKF, Gain.FADING])

@@ -237,7 +237,9 @@ def records(draws: int, n: int = 1500, late: float = 0.0) -> tuple[Array, Array]
         seen = back[:4, :4] @ s + back[:4, 4:] @ u
         s[1::2] += WHITE / np.sqrt(2.0 * RATE) * rng.standard_normal((2, draws))
         drive[:, k] = u.T
-        sense[:, k] = (GAIN[:, None] * seen[::2] + NOISE[:, None] * rng.standard_normal((2, draws))).T + np.array([0.004, -0.003])
+        sense[:, k] = (GAIN[:, None] * seen[::2] + NOISE[:, None] * rng.standard_normal((2, draws))).T + np.array(
+            [0.004, -0.003]
+        )
     return sense, drive
 
 

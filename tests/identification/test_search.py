@@ -8,7 +8,7 @@ import pytest
 from estimator.identification.ambiguity import exchanged, members
 from estimator.identification.fit import at
 from estimator.identification.likelihood import Model, Noise
-from estimator.identification.score_test import Score, ScoreTable
+from estimator.identification.score_test import Score
 from estimator.identification.search import backward, margin, scored, search, shortlisted, with_effect, without_effect
 from tests.identification.linear import Linear, effect, fitted, made
 from tests.identification.plain import Array
@@ -17,7 +17,7 @@ N = 2000
 
 
 def orthogonal(**gains: tuple[int, float]) -> Linear:
-    """A record to which each effect of so many coefficients brings so much of twice the log-likelihood, in its order."""
+    """A record to which each effect of so many coefficients brings so much of twice the log-likelihood."""
     rng = np.random.default_rng(6)
     width = 3 + sum(count for count, _ in gains.values())
     q = np.linalg.qr(rng.standard_normal((N, width)))[0] * np.sqrt(N)
@@ -39,13 +39,15 @@ def test_the_margin_is_bonferronis() -> None:
 
 @pytest.mark.parametrize(("beyond", "taken"), [(0.3, ["b"]), (-0.3, [])])
 @pytest.mark.parametrize("coefficients", [1, 3])
-def test_an_effect_is_named_where_it_gains_more_than_its_price(beyond: float, taken: list[str], coefficients: int) -> None:
+def test_an_effect_is_named_where_it_gains_more_than_its_price(
+    beyond: float, taken: list[str], coefficients: int
+) -> None:
     """ln n for each coefficient, and 2 ln(kinds/0.001)."""
     price = coefficients * np.log(N) + 2.0 * np.log(3 / 1e-3)
     found = search(orthogonal(a=(1, 1.0), b=(coefficients, price + beyond), c=(2, 2.0)))
     assert list(found.best.model.effects) == taken
     assert [one.taken for one in found.rounds] == [*taken, None]
-    assert found.rounds[0].table.scores[0].name == "b"
+    assert found.rounds[0].table[0].name == "b"
 
 
 def test_the_search_goes_on_while_something_gains_but_names_no_fifth() -> None:
@@ -55,7 +57,7 @@ def test_the_search_goes_on_while_something_gains_but_names_no_fifth() -> None:
     assert list(found.best.model.effects) == ["e0", "e1", "e2", "e3"]
     assert steps == [("effects", k, 4) for k in range(4)]
     assert found.base.model.effects == {}
-    assert [len(one.table.scores) for one in found.rounds] == [6, 5, 4, 3]
+    assert [len(one.table) for one in found.rounds] == [6, 5, 4, 3]
 
 
 def test_candidates_are_ranked_by_what_they_gain_less_what_they_cost() -> None:
@@ -109,9 +111,9 @@ def test_an_effect_begins_where_the_score_test_has_it_and_the_others_where_they_
     assert worse.objective == pytest.approx(fitted(of, "a", "b").objective, abs=0.02)
 
 
-def table(*gains: tuple[str, float]) -> ScoreTable:
+def table(*gains: tuple[str, float]) -> tuple[Score, ...]:
     none = np.zeros(1)
-    return ScoreTable(tuple(Score(name, gain, none, none, 1.0, {}) for name, gain in gains), {}, np.zeros((0, 0)))
+    return tuple(Score(name, gain, none, none, 1.0, {}) for name, gain in gains)
 
 
 def test_the_shortlist_has_the_best_of_each_kind_from_each_table_in_turn() -> None:

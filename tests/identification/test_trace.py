@@ -6,13 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.diagnosis import Verdict
+from estimator.diagnosis import Rejected, Verdict
 from estimator.identification.ambiguity import Member, exchanged
 from estimator.identification.checks import CHECKS, Check
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import fit, settle
 from estimator.identification.likelihood import Evaluation
-from estimator.identification.trace import _classes, _probabilities, _rejected, effects_of, trace
+from estimator.identification.result import _classes, _probabilities, _rejected, effects_of
+from estimator.identification.trace import trace
 from estimator.trace.problem import Effects
 from tests.identification.linear import fitted
 from tests.identification.plain import problem, records
@@ -95,31 +96,43 @@ def test_probabilities_are_likelihoods_that_sum_to_one() -> None:
     assert list(found.probabilities) == ["drag", "nothing", "else"]
 
 
-def test_what_has_no_place_in_the_catalogue_is_as_probable_as_a_force_makes_the_record() -> None:
-    """n ln of the ratio of mean squares, less twice the logarithms, less the price of two numbers."""
+@pytest.mark.parametrize("left", [True, False])
+def test_what_has_no_place_in_the_catalogue_is_as_probable_as_a_force_makes_the_record(left: bool) -> None:
+    """n ln of the ratio of mean squares, less twice the logarithms, less the cost of two numbers; nothing but that cost
+    where no check finds more than a complete model leaves.
+    """
     found = search(orthogonal(a=(1, 60.0), b=(1, 3.0)))
-    n = found.best.evaluation.count.sum()
     quiet, force = evaluation(np.eye(1), scale=1.0), evaluation(np.eye(1), scale=0.97, logs=0.002)
-    m = quiet.count.sum()
-    one = evidence(found.best, quiet=quiet, disturbed=force)
-    one = replace(one, without={"a": found.base}, model=found.best)
-    other = n * np.log(1.0 / 0.97) - 2.0 * 0.002 * m - 2.0 * np.log(n)
+    n = quiet.count.sum()
+    one = replace(evidence(found.best, quiet=quiet, disturbed=force), without={"a": found.base})
+    checks = [Check("disturbance", not left, ""), Check("prior", False, "")]
     group = [Member("c", 0.99, found.best, 3.0)]
-    (shares,) = _probabilities(one, {"a": group}, found)
+    (shares,) = _probabilities(one, checks, {"a": group}, found)
     weights = shares.probabilities
+    other = (n * np.log(1.0 / 0.97) - 2.0 * 0.002 * n if left else 0.0) - 2.0 * np.log(n)
     assert np.log(weights["c"] / weights["a"]) == pytest.approx(-1.5)
     assert 2.0 * np.log(weights["something else"] / weights["a"]) == pytest.approx(other)
-    gain = 2.0 * (found.best.objective - found.base.objective)
-    assert 2.0 * np.log(weights["a"] / weights["nothing"]) == pytest.approx(gain - 2.0 * np.log(n))
+    assert 2.0 * np.log(weights["a"] / weights["nothing"]) == pytest.approx(found.best.gain_over(found.base))
 
 
-def test_every_candidate_that_is_not_named_says_what_it_gains() -> None:
-    found = search(orthogonal(a=(1, 60.0), b=(1, 15.0), c=(1, 3.0)))
-    assert found.best.layout.owner[2:] == ("a",)
-    rejected = {one.name: one for one in _rejected(found, ["a"])}
-    assert set(rejected) == {"b", "c"}
-    assert rejected["b"].reason.startswith("gains 1")
-    assert float(rejected["c"].reason.split()[1]) == pytest.approx(3.0, rel=0.05)
+def rejected(**gains: tuple[int, float]) -> dict[str, Rejected]:
+    of = orthogonal(**gains)
+    found = search(of)
+    sense, drive = records(1, 60)
+    one = replace(evidence(found.best), of=of)
+    return {each.name: each for each in _rejected(problem(sense[0], drive[0]), found, one)}
+
+
+def test_every_candidate_that_is_not_named_says_what_it_gains_and_how_large_it_is_at_most() -> None:
+    """Of unit columns and unit noise: 1.96/√2000 to either side of a size of √(gain/2000)."""
+    found = rejected(a=(1, 60.0), b=(1, 15.0), c=(1, 3.0))
+    assert set(found) == {"b", "c"}
+    assert found["b"].reason.startswith("gains 1")
+    assert float(found["c"].reason.split()[1]) == pytest.approx(3.0, rel=0.05)
+    bound = found["c"].bound["c0"]
+    assert bound.value == pytest.approx(np.sqrt(3.0 / 2000), rel=0.05)
+    assert bound.high - bound.value == pytest.approx(1.96 / np.sqrt(2000), rel=0.15)  # times the scatter's root
+    assert bound.value - bound.low == pytest.approx(bound.high - bound.value)
 
 
 def sentences() -> list[str]:
@@ -130,8 +143,8 @@ def sentences() -> list[str]:
     wrong = evidence(off, later=worse, ratio=3.0, quiet=worse)
     checks: list[Check] = [check for case in (evidence(SURE), wrong) for checker in CHECKS for check in checker(case)]
     assert {check.name for check in checks if not check.passed} == {check.name for check in checks}
-    rejected = _rejected(search(orthogonal(a=(1, 60.0), b=(1, 3.0))), ["a"])
-    return [*(check.sentence for check in checks), *(check.name for check in checks), *(one.reason for one in rejected)]
+    left = rejected(a=(1, 60.0), b=(1, 3.0)).values()
+    return [*(check.sentence for check in checks), *(check.name for check in checks), *(one.reason for one in left)]
 
 
 def test_sentences_use_the_words_of_the_field_and_are_short() -> None:

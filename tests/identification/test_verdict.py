@@ -6,7 +6,7 @@ import pytest
 
 from estimator.diagnosis import Verdict
 from estimator.identification.checks import Check
-from estimator.identification.trace import verdict_of
+from estimator.identification.result import verdict_of
 
 OF_MODEL, OF_EFFECT = ("prior", "noise floor", "disturbance"), ("held out", "sign", "constancy")
 
