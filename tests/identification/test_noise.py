@@ -48,3 +48,15 @@ def test_no_level_is_looked_at_twice() -> None:
     level(curve, 0.0, (-10.0, 10.0), 0.25)
     assert len(tried) == len(set(tried))
     assert len(tried) <= 14
+
+
+def test_the_first_steps_are_two_decades_and_each_further_one_half_of_the_one_before() -> None:
+    """Of a curve with its top at the start."""
+    tried: list[float] = []
+
+    def curve(decade: float) -> float:
+        tried.append(decade)
+        return -(decade**2)
+
+    level(curve, 0.0, (-10.0, 10.0), 0.5)
+    assert tried == [0.0, -2.0, 2.0, -1.0, 1.0, -0.5, 0.5]

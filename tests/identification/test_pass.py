@@ -299,3 +299,26 @@ def test_scores_of_a_watched_effect_are_those_of_a_plain_filter_without_it(name:
     score, information = sums(white, slopes * factor)
     agree(seen.score[:, len(BASE) :], score, law.share)
     agree(seen.information[:, len(BASE) :, len(BASE) :], information, law.share)
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize(("name", "searched"), [("interference", "omega"), ("dry_friction", "v0")])
+def test_scores_of_a_searched_parameter_are_the_whole_innovations_differences(name: str, searched: str) -> None:
+    """Its gain moves along: two runs of the plain filter, each with its own."""
+    law = LAWS[name]
+    coefficients = {key: 0.05 * value for key, value in law.coefficients.items()}
+    effects = {name: {**coefficients, **law.given}}
+    case = law.case(effects)
+    of, plain, series = case.made()
+    layout = of.layout(effects)
+    place = layout.names.index(searched)
+    assert layout.mean[place] * layout.factor[place] == pytest.approx(law.given[searched])
+    seen = of.evaluate(layout, model_of(of, effects))
+    about, size = {**BASE, **coefficients, **law.given}, 1e-4 * law.given[searched]
+    white, _, _, _ = expected(case, plain, series, about, {"kxx": 1.0})
+    sides = [{**about, searched: law.given[searched] + step} for step in (size, -size)]
+    ends = [expected(case, plain, series, side, {"kxx": 1.0})[0] for side in sides]
+    slopes = ((ends[0] - ends[1]) / (2.0 * size) * layout.factor[place])[:, :, None]
+    score, information = sums(white, slopes)
+    agree(seen.score[:, [place]], score, 2e-3)
+    agree(seen.information[:, [place]][:, :, [place]], information, 2e-3)
