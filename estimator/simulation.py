@@ -15,7 +15,7 @@ from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.scaling import Array
 
-_REMEMBERED = (Source.TEMPERATURE, Source.INTEGRAL, Source.RESONATOR, Source.LAG, Source.WANE)
+REMEMBERED = (Source.TEMPERATURE, Source.INTEGRAL, Source.RESONATOR, Source.LAG, Source.WANE)
 _LONGEST = 0.3  # of 1/ω0, the longest part of a step: an effect of 15 % is then integrated to 3e-6 of the amplitude
 
 
@@ -47,7 +47,7 @@ def simulate(
     of their own, and for a run that leaves all bounds.
     """
     for _, effect in observer.effects:
-        if effect.delayed is not None or any(signal.source in _REMEMBERED for signal in effect.signals):
+        if effect.delayed is not None or any(signal.source in REMEMBERED for signal in effect.signals):
             raise ModelError(f"effect {effect.name} depends on the past and cannot be run freely; leave it out")
     n, axes = len(drive), observer.device.axes
     if len(state) != len(observer.names):

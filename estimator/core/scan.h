@@ -21,7 +21,8 @@ static const real SCAN_WEIGHT[SCAN_NODES] = {R(0.27777777777777778), R(0.4444444
 
 /* n samples, and what is followed of `count` coefficients that the filter does not carry.
 
-   The first `known` of them are constants of the flow that the filter takes as known, by their index among all constants:
+   The first `known` of them are constants of the flow that the filter takes as known, by their index among all constants, or what
+   moves by its start alone, at an index below zero:
    then the sums are score and information of a likelihood in which they are parameters.  The others are coefficients of
    effects that are zero, the last among the constants.
 
@@ -198,6 +199,8 @@ static inline void watch_sensed(const Settings *settings, const real *x, const r
 static inline void add_known(const Settings *settings, const Following *follow, const FlowWork *flow)
 {
     for (whole k = 0; k < follow->known; k++) {
+        if (follow->index[k] < 0)
+            continue;
         whole column = 1 + settings->states + follow->index[k] - settings->sense_constants;
         for (whole i = 0; i < settings->states; i++)
             follow->delta[i * follow->count + k] += flow->out[i * flow->columns + column];
@@ -208,9 +211,10 @@ static inline void add_known(const Settings *settings, const Following *follow, 
 static inline void know_sensed(const Settings *settings, const Following *follow, const Workspace *work)
 {
     for (whole axis = 0; axis < settings->axes; axis++)
-        for (whole k = 0; k < follow->known; k++)
-            follow->signature[axis * follow->count + k] =
-                -work->full[axis * work->total + settings->states + follow->index[k]];
+        for (whole k = 0; k < follow->known; k++) {
+            whole entry = axis * work->total + settings->states + follow->index[k];
+            follow->signature[axis * follow->count + k] = follow->index[k] < 0 ? R(0.0) : -work->full[entry];
+        }
 }
 
 /* First rows of delta <- g' delta; g (rows of delta, states). */

@@ -29,15 +29,15 @@ def kind(name: str) -> str:
     return name.partition(":")[0]
 
 
-def candidates(problem: Problem, included: Effects, seen: Evaluation) -> Effects:
+def candidates(problem: Problem, included: Effects, seen: Evaluation, *, freely: bool = False) -> Effects:
     """Effects that are not in the model, each with its parameters, SI; with a label where it has several starts.
 
-    A line or a mode may be there more than once.
+    A line or a mode may be there more than once; freely: with what only a free run can show.
     """
     starts = _starts(problem, seen)
     kinds = {kind(name) for name in included}
     found = {}
-    for effect in _possible(problem):
+    for effect in _possible(problem, freely):
         several = effect.search in (Search.LINES, Search.MODES)
         if effect.name in kinds and not several:
             continue
@@ -48,13 +48,13 @@ def candidates(problem: Problem, included: Effects, seen: Evaluation) -> Effects
     return found
 
 
-def _possible(problem: Problem) -> Iterator[Effect]:
+def _possible(problem: Problem, freely: bool) -> Iterator[Effect]:
     """What this device may have and this record may show."""
     record, device = problem.record, problem.device
     for effect in (*EFFECTS, *device.own):
         if effect.declared_only or effect.on(device.axes) is None or not senses_allow(effect, device):
             continue
-        if effect.runs_freely or (effect.delayed is not None and not np.any(record.drive)):
+        if (effect.runs_freely and not freely) or (effect.delayed is not None and not np.any(record.drive)):
             continue
         if any(s.source is Source.TEMPERATURE for s in effect.signals) and "temperature" not in record.channels:
             continue

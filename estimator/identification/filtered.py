@@ -11,6 +11,8 @@ from estimator.identification.likelihood import AT_THE_START, Beginning, Evaluat
 from estimator.identification.noise import level
 from estimator.trace.problem import Effects, Problem
 
+FIRST = 2500
+"""Samples of the beginning that is fitted first."""
 FORCE_DECADES = 8.0
 """Above what is declared that a random force may be: at the top, a filter follows whatever moves."""
 RATE_DECADES = 2.0
@@ -45,6 +47,11 @@ class Filtered:
         """Of the record."""
         return len(self.problem.record)
 
+    @property
+    def first(self) -> int:
+        """Samples of the beginning that is fitted first."""
+        return FIRST
+
     def part(self, rows: slice) -> "Filtered":
         """The same of these samples only."""
         record = self.problem.record
@@ -74,10 +81,14 @@ class Filtered:
 
     def declared_noise(self) -> Noise:
         """What the bench declares; where it declares no random force or rate, a level that is none."""
-        process, device = self.problem.settings.process_noise, self.problem.device
-        omega = float(np.sqrt(device.target))
-        none = Noise((1.0,) * device.axes, QUIET * device.amplitude * omega**1.5, QUIET * omega**1.5)
+        process, none = self.problem.settings.process_noise, self.no_disturbance()
         return replace(none, force=max(process.force, none.force), rate=max(process.rate, none.rate))
+
+    def no_disturbance(self) -> Noise:
+        """The declared noise of the sensors, with a random force and a rate that are none."""
+        device = self.problem.device
+        omega = float(np.sqrt(device.target))
+        return Noise((1.0,) * device.axes, QUIET * device.amplitude * omega**1.5, QUIET * omega**1.5)
 
     def quieten(self, layout: Layout, model: Model) -> Model:
         """The model with about the random force that makes a beginning of the record most probable."""

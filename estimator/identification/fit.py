@@ -13,8 +13,8 @@ PASSES = 12
 """Gauss–Newton converges in three to six; more are a fit that has no top nearby."""
 ROUGH = 2
 """Passes between two estimates of the noise."""
-FIRST, GROWTH = 2500, 4
-"""Samples of the beginning that is fitted first, and by how much the next part is longer."""
+GROWTH = 4
+"""By how much the next part that is fitted is longer than the one before."""
 RISE = 1.0
 """Of the log-likelihood, below which another round with another noise is not worth its passes."""
 SETTLED = 0.02
@@ -149,7 +149,7 @@ def fit(of: Likelihood, effects: Effects) -> FittedModel:
     """
     layout = of.layout(effects)
     model = Model(effects, layout.mean, of.declared_noise())
-    length = min(FIRST, of.samples)
+    length = min(of.first, of.samples)
     while True:
         part = of.part(slice(0, length))
         found = settle(part, at(part, layout, part.quieten(layout, model)))

@@ -34,12 +34,14 @@ START_CYCLES = 3.0
 class Noise:
     """What is assumed of the noise, times what is declared (1 for all of it) or, where nothing is, in its own unit.
 
-    sense: factor on the standard deviation of each channel; force [m/s²/√Hz]; rate [rad/s/√s].
+    sense: factor on the standard deviation of each channel; force [m/s²/√Hz]; rate [rad/s/√s];
+    independent: share of the samples, for an error that is coloured.
     """
 
     sense: tuple[float, ...]
     force: float
     rate: float
+    independent: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -103,17 +105,18 @@ class Layout:
     """
 
     def __init__(self, problem: Problem, effects: Effects) -> None:
-        observer = _observer(problem, effects, None)
+        observer = observer_of(problem, effects, None)
         active = set(observer.active.tolist())
-        free = [i for i in range(len(observer.names) - observer.states) if i not in active]
         base = len(observer.model.constants)
+        spread = _spreads(observer, problem.settings)
+        unsure = [i for i in range(len(observer.names) - observer.states) if i >= base or spread[i] > 0.0]
+        free = [i for i in unsure if i not in active]
         self.index = np.array(free, dtype=np.int64)
         self.effects: tuple[Effect, ...] = tuple(effect for _, effect in observer.effects)
         coefficients = [(effect.name, c) for effect in self.effects for c in effect.coefficients]
         self.searched = tuple(
             (e.name, p) for e in self.effects for p in e.parameters if is_searched(p, effects[e.name])
         )
-        spread = _spreads(observer, problem.settings)
         self.owner = (
             *("" if i < base else coefficients[i - base][0] for i in free), *(name for name, _ in self.searched)
         )  # fmt: skip
@@ -152,7 +155,7 @@ def _spreads(observer: Observer, settings: ObserverSettings) -> Array:
     return full.initial_deviations[full.states :]
 
 
-def _observer(problem: Problem, effects: Effects, noise: Noise | None, watched: Effects | None = None) -> Observer:
+def observer_of(problem: Problem, effects: Effects, noise: Noise | None, watched: Effects | None = None) -> Observer:
     """The filter of a model: motion, sense offsets, rate, and constants that are declared to wander."""
     settings = replace(problem.settings, variant=Variant.SENSE, gain=Gain.EKF, effects={**effects, **(watched or {})})
     device = problem.device
@@ -166,7 +169,8 @@ def _observer(problem: Problem, effects: Effects, noise: Noise | None, watched: 
 class Likelihood(Protocol):
     """A record and the model that is held against it: all that fit, score test, search and checks know of either.
 
-    effects: what is declared beside the base model, by name; axes, samples of the record.
+    effects: what is declared beside the base model, by name; axes, samples of the record; first: samples of the
+    beginning that is fitted first.
     """
 
     @property
@@ -177,6 +181,9 @@ class Likelihood(Protocol):
 
     @property
     def samples(self) -> int: ...
+
+    @property
+    def first(self) -> int: ...
 
     def part(self, rows: slice) -> "Likelihood":
         """The same of these samples only."""
@@ -276,7 +283,7 @@ class _Pass:
         watched: Effects,
     ) -> None:
         self.record, self.known = problem.record, known
-        self.observer = observer = _observer(problem, layout.effects_of(model), model.noise, watched)
+        self.observer = observer = observer_of(problem, layout.effects_of(model), model.noise, watched)
         observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
         begin_moving(observer, problem.record)
         observer.begin_at(beginning.seconds, beginning.temperature)

@@ -144,7 +144,7 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     theta = layout.mean.copy()
     _carry_over(fitted, layout, theta)
     for k, size in zip(layout.of(score.name), score.size, strict=False):
-        theta[k] = max(size, layout.least[k])
+        theta[k] = max(layout.mean[k] + size, layout.least[k])
     model = Model(effects, theta, fitted.model.noise)
     begun = climb(of, at(of, layout, model), 3)
     if not begun.evaluation.sound or begun.objective < fitted.objective:

@@ -1,0 +1,314 @@
+"""The likelihood of a free run: what the model says a record should have been, given its start and its drive.
+
+The filter's own pass without a random force and with a start that is known: its gain is zero, an innovation is what a
+run that nothing corrects is off.  The start is among the parameters.  What such a run leaves is seldom white; the
+record then counts for as many samples as its error has independent ones.
+"""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.core.following import Portion, Signatures, scan_block
+from estimator.core.layout import OUTPUT
+from estimator.effects.declaration import Effect
+from estimator.errors import ModelError
+from estimator.identification.candidates import candidates
+from estimator.identification.filtered import Filtered
+from estimator.identification.likelihood import BLOCKS, SHIFT, Evaluation, Layout, Model, Noise, observer_of
+from estimator.observer import Observer
+from estimator.record import Record
+from estimator.residual.effective import effective_samples
+from estimator.scaling import Array
+from estimator.side_by_side import stop_if_abandoned
+from estimator.simulation import REMEMBERED, simulate
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.start import first_motion
+
+TELLING = 50
+"""Samples that tell where a part begins that was not fitted; they do not count."""
+HALF_TURN = np.pi
+"""Phase over which a wrong stiffness has not lost count of the cycles: so long is what is fitted first."""
+FEWEST = 64
+"""Samples of that, at least."""
+ROUNDS = 8
+"""Of Gauss and Newton, for the start of a part: a linear model takes one."""
+BLIND = 1e-9
+"""Of the largest singular value, below which a part says nothing of a direction of its start."""
+
+
+class StartLayout(Layout):
+    """A layout with the start of the record behind: motion, sense offsets, and a rate where the model has one.
+
+    start (m,) places among the parameters.
+    """
+
+    def __init__(self, problem: Problem, effects: Effects) -> None:
+        super().__init__(problem, effects)
+        observer = observer_of(problem, effects, None)
+        rows = observer.estimated_index
+        mean, deviation = observer.x[rows].copy(), observer.initial_deviations
+        given = set(problem.settings.initial)
+        motion = seen_motion(problem.record, observer)
+        for k, name in enumerate(observer.names[: observer.states]):
+            mean[k] = mean[k] if name in given else motion[k]
+        kept = deviation > 0.0
+        self.kept = np.flatnonzero(kept)
+        self.start = len(self.names) + np.arange(int(kept.sum()))
+        self.names = (*self.names, *(observer.names[i] for i in rows[kept]))
+        self.owner = (*self.owner, *("" for _ in self.start))
+        self.mean = np.concatenate([self.mean, mean[kept]])
+        self.deviation = np.concatenate([self.deviation, deviation[kept]])
+        self.factor = np.concatenate([self.factor, observer.factors[rows][kept]])
+        self.least = np.concatenate([self.least, np.full(len(self.start), -np.inf)])
+        self.fixed = mean
+
+
+def seen_motion(record: Record, observer: Observer) -> Array:
+    """Scaled displacements and velocities (states,) that the first samples of a record show, one interval earlier."""
+    device = observer.device
+    motion = first_motion(record, observer.scaling.omega0) / device.sense_gain
+    if not np.all(np.isfinite(motion)):
+        first = record.sense[: min(3, len(record))] / np.asarray(device.sense_gain)
+        slope = np.diff(first, axis=0).mean(axis=0) / float(np.mean(record.step)) if len(first) > 1 else 0.0 * first[0]
+        motion = np.nan_to_num(np.stack([first[0], slope]))
+    return np.asarray(motion.T.ravel() / observer.factors[: observer.states])
+
+
+@dataclass(frozen=True)
+class FreeRun(Filtered):
+    """`Likelihood` of a record by its free run; fitted: whether its start is that of the model's parameters, else its
+    first samples tell it.
+    """
+
+    fitted: bool = True
+
+    @property
+    def first(self) -> int:
+        """Samples over which the declared stiffness keeps count of the cycles."""
+        settings, device = self.problem.settings, self.problem.device
+        unsure = 0.5 * settings.spread.stiffness * float(np.sqrt(device.target)) * float(np.mean(self.problem.record.step))
+        return max(FEWEST, int(HALF_TURN / unsure)) if unsure > 0.0 else super().first
+
+    def part(self, rows: slice) -> "FreeRun":
+        """The same of these samples only; behind the beginning, a part that is not fitted."""
+        return FreeRun(self.problem.part(rows), self.fitted and not rows.start)
+
+    def layout(self, effects: Effects) -> StartLayout:
+        """The parameters of the model with these effects, and the start of the record."""
+        return StartLayout(self.problem, effects)
+
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
+        """The whole catalogue beside a model, with what depends on the way that the mass came."""
+        found = candidates(self.problem, model.effects, evaluation, freely=True)
+        if any(remembers(self.effect(name)) for name in model.effects):
+            return {name: given for name, given in found.items() if not self.effect(name).slips}
+        if any(self.effect(name).slips for name in model.effects):
+            return {name: given for name, given in found.items() if not remembers(self.effect(name))}
+        return found
+
+    def declared_noise(self) -> Noise:
+        """That of the sensors: nothing disturbs a free run."""
+        return self.no_disturbance()
+
+    def quieten(self, layout: Layout, model: Model) -> Model:
+        """The model as it is: nothing disturbs a free run."""
+        return model
+
+    def fit_noise(self, layout: Layout, model: Model) -> Model:
+        """The model with the noise of each axis and the share of independent samples as its error has them."""
+        if self.axes > 1:
+            model = self._balanced(layout, model)
+        seen = self.evaluate(layout, model, derivatives=False)
+        if not seen.sound:
+            return model
+        told = [column[np.isfinite(column)] for column in (seen.innovation / seen.deviation).T]
+        share = float(np.mean([effective_samples(column) / len(column) for column in told]))
+        return replace(model, noise=replace(model.noise, independent=share))
+
+    def evaluate(
+        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+    ) -> Evaluation:
+        """A free run over the record.  Raises ModelError as `Observer` does."""
+        assert isinstance(layout, StartLayout)
+        stop_if_abandoned()
+        slips = {name: given for name, given in (watched or {}).items() if self.effect(name).slips}
+        others = {name: given for name, given in (watched or {}).items() if name not in slips}
+        run = _Run(self, layout, model, derivatives, others)
+        rows, names = run.over_all(), run.names
+        if slips:
+            way = _Run(self, layout, model, derivatives, slips)
+            own = len(layout.names) - len(layout.searched) if derivatives else 0
+            rows = np.column_stack([rows[:, :-2], way.over_all()[:, own:-2], rows[:, -2:]])
+            names = (*names, *way.names[len(layout.names) if derivatives else 0 :])
+        if derivatives and layout.searched:
+            first, last = len(layout.index), len(layout.index) + len(layout.searched)
+            shifted = []
+            for k in range(first, last):
+                theta, step = model.theta.copy(), SHIFT * float(abs(model.theta[k]))
+                theta[k] += step
+                other = _Run(self, layout, replace(model, theta=theta), derivatives=False, watched={}).over_all()
+                shifted.append((other[:, 0] - rows[:, -2]) / step)
+            rows = np.column_stack([rows[:, :first], *shifted, rows[:, first:]])
+        return self._summed(run, names, rows, model.noise.independent)
+
+    def _summed(self, run: "_Run", names: tuple[str, ...], rows: Array, share: float) -> Evaluation:
+        """The pass from its whitened rows, those of samples that do not count being NaN."""
+        k, axes = len(names), self.axes
+        score, information = np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k))
+        power, logs, count = np.zeros(BLOCKS), np.zeros(BLOCKS), np.zeros(BLOCKS)
+        edges = np.linspace(0, self.samples, BLOCKS + 1).astype(int) * axes
+        for block, (begin, end) in enumerate(pairwise(edges.tolist())):
+            part = rows[begin:end]
+            counted = part[~np.isnan(part[:, -1])]
+            with np.errstate(over="ignore", invalid="ignore"):
+                both = counted[:, :-1].T @ counted[:, :-1]
+            information[block], score[block], power[block] = both[:k, :k], -both[:k, k], both[k, k]
+            logs[block], count[block] = counted[:, -1].sum(), len(counted)
+        # Of a coloured error, n samples say as much as fewer that are independent.
+        innovation = (rows[:, -2] * np.exp(rows[:, -1])).reshape(-1, axes)
+        volts = run.observer.volts
+        return Evaluation(
+            names, share * score, share * information, share * power, share * logs, share * count,
+            innovation * volts, np.exp(rows[:, -1]).reshape(-1, axes) * np.abs(volts),
+        )  # fmt: skip
+
+
+def remembers(effect: Effect) -> bool:
+    """Whether an effect depends on drives or readings of the past, which only the filter's pass carries."""
+    return effect.delayed is not None or any(signal.source in REMEMBERED for signal in effect.signals)
+
+
+class _Run:
+    """A free run over a record, with its derivatives by the constants, by the start, and by effects in `watched`."""
+
+    def __init__(self, of: FreeRun, layout: StartLayout, model: Model, derivatives: bool, watched: Effects) -> None:
+        self.of, self.layout, self.model, self.watched = of, layout, model, watched
+        self.record = of.problem.record
+        self.effects = layout.effects_of(model)
+        self.observer = self._observer({**self.effects, **watched}, len(watched))
+        self.known = layout.index if derivatives else layout.index[:0]
+        self.moved = len(layout.kept) if derivatives else 0
+        lacking = self.observer.effects[self.observer.carried :]
+        own = (*layout.names,) if derivatives else ()
+        self.names = (*own, *(effect.name for _, effect in lacking for _ in effect.coefficients))
+        self.slips = any(effect.slips for _, effect in self.observer.effects)
+
+    def _observer(self, effects: Effects, watched: int) -> Observer:
+        carried = dict(list(effects.items())[: len(effects) - watched])
+        extra = dict(list(effects.items())[len(effects) - watched :])
+        observer = observer_of(self.of.problem, carried, self.model.noise, extra)
+        observer.x[observer.states + self.layout.index] = self.model.theta[: len(self.layout.index)]
+        observer.x[observer.estimated_index] = self.layout.fixed
+        observer.x[observer.estimated_index[self.layout.kept]] = self.model.theta[self.layout.start]
+        return observer
+
+    def over_all(self) -> Array:
+        """Whitened rows (axes · n, k + 2) of all stretches: derivatives, error, logarithm of the deviation; the last is
+        NaN where a sample does not count.
+        """
+        return np.concatenate([self._over(stretch, first=number == 0) for number, stretch in enumerate(self.stretches)])
+
+    @property
+    def stretches(self) -> list[slice]:
+        """Parts that gaps keep apart."""
+        return list(self.record.stretches) or [slice(0, len(self.record))]
+
+    def _over(self, stretch: slice, *, first: bool) -> Array:
+        record = self.record.part(stretch)
+        start = self.observer.x[self.observer.estimated_index].copy()
+        if first and self.of.fitted:
+            return self._run(record, start, self.known, self.moved, self.watched)
+        states = self.observer.states
+        telling = record if self.of.fitted else record.part(slice(0, TELLING))
+        start[:states] = seen_motion(telling, self.observer)
+        start = self._told(telling, start)
+        rows = self._run(record, start, self.known, self.moved, self.watched)
+        c = len(self.known)
+        if self.moved and len(rows):
+            own = c + np.flatnonzero(self.layout.kept < states)
+            seen = ~np.isnan(rows[:, -1])
+            others = [k for k in range(rows.shape[1] - 2) if k not in own]
+            answer = np.linalg.lstsq(rows[np.ix_(seen, own)], rows[np.ix_(seen, others)], rcond=BLIND)[0]
+            rows[:, others] -= rows[:, own] @ answer
+            rows[:, own] = 0.0
+        if not self.of.fitted:
+            rows[: TELLING * self.of.axes, -1] = np.nan
+        return rows
+
+    def _told(self, record: Record, start: Array) -> Array:
+        """The start whose run lies closest to a record."""
+        states = self.observer.states
+        nearest, least = start, np.inf
+        for _ in range(ROUNDS):
+            rows = self._run(record, start, self.known[:0], -1, {})
+            told = rows[~np.isnan(rows[:, -1])]
+            power = float(np.sum(told[:, -2] ** 2))
+            if not np.isfinite(power) or len(told) < states:
+                break
+            if power < least:
+                gained, nearest, least = least - power, start, power
+                if gained < BLIND * power:
+                    break
+            change = np.linalg.lstsq(told[:, :states], told[:, -2], rcond=BLIND)[0]
+            start = start.copy()
+            start[:states] -= change
+        return nearest
+
+    def _run(self, record: Record, start: Array, known: NDArray[np.int64], moved: int, watched: Effects) -> Array:
+        """Rows of one stretch from `start`; moved: how many columns of the layout's start, −1 for those of the motion
+        alone.
+        """
+        observer = self._observer({**self.effects, **watched}, len(watched))
+        observer.x[observer.estimated_index] = start
+        columns = np.eye(len(start))[:, : observer.states] if moved < 0 else np.eye(len(start))[:, self.layout.kept[:moved]]
+        if self.slips:
+            return self._simulated(observer, record, known, columns)
+        still = np.zeros((len(start), len(start)))
+        observer.assume(observer.estimated, still)
+        observer.hold(observer.estimated[observer.states :])
+        c, m = len(known), columns.shape[1]
+        w = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
+        z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
+        observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
+        delta = np.zeros((len(start), c + m + w))
+        delta[:, c : c + m] = columns
+        rows = np.zeros((len(z) * self.of.axes, c + m + w + 2))
+        nowhere: Array = np.zeros((0, c + m + w))
+        index = np.concatenate([known, np.full(m, -1)]).astype(np.int64)
+        scan_block(
+            observer,
+            Portion(z, u, h, warmth, np.zeros(len(z), OUTPUT)),
+            Signatures(delta, np.inf, rows, np.zeros(c + m + w), nowhere, index),
+        )
+        rows[~np.isfinite(record.sense).ravel(), -1] = np.nan
+        return rows
+
+    def _simulated(self, observer: Observer, record: Record, known: NDArray[np.int64], columns: Array) -> Array:
+        """The same by the run that carries what depends on the way, and its sensitivities."""
+        c, m, axes = len(known), columns.shape[1], self.of.axes
+        w = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
+        whole = Observer(observer.device, replace(observer.settings), known=True)
+        state = np.array(observer.x * observer.factors)
+        drive = np.concatenate([0.0 * record.drive[:1], record.drive])
+        step = np.concatenate([record.step[:1], record.step])
+        rows = np.full((len(record) * axes, c + m + w + 2), np.nan)
+        try:
+            run = simulate(whole, state, drive, step=step, sensitive=bool(c + m + w))
+        except ModelError:
+            rows[:, -2], rows[:, -1] = np.inf, 0.0
+            return rows
+        deviation = np.sqrt(observer.sense_noise) * np.abs(observer.volts)
+        rows[:, -2] = ((record.sense - run.sensed[1:]) / deviation).ravel()
+        rows[:, -1] = np.tile(np.log(deviation / np.abs(observer.volts)), len(record))
+        if c + m + w:
+            scaled = -(run.sensitivity[1:] * observer.factors) / deviation[:, None]
+            by = scaled.reshape(-1, scaled.shape[2])
+            rows[:, :c] = by[:, observer.states + known]
+            rows[:, c : c + m] = by[:, observer.estimated_index] @ columns
+            rows[:, c + m : c + m + w] = by[:, by.shape[1] - w :]
+        rows[~np.isfinite(record.sense).ravel(), -1] = np.nan
+        return rows
+
