@@ -1,5 +1,6 @@
 """The likelihood of a driven gyro or oscillator: innovations of its filter."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,6 +10,7 @@ from estimator.effects.declaration import Effect
 from estimator.identification.candidates import candidates
 from estimator.identification.likelihood import AT_THE_START, Beginning, Evaluation, Layout, Model, Noise, evaluate
 from estimator.identification.noise import level
+from estimator.trace.examination import Examination, examine
 from estimator.trace.problem import Effects, Problem
 
 FIRST = 2500
@@ -52,6 +54,16 @@ class Filtered:
         """Samples of the beginning that is fitted first."""
         return FIRST
 
+    @property
+    def following(self) -> "Filtered":
+        """Itself: a filter follows the motion."""
+        return self
+
+    @property
+    def most(self) -> int:
+        """Effects beside the declared: nobody believes a fifth."""
+        return 4
+
     def part(self, rows: slice) -> "Filtered":
         """The same of these samples only."""
         record = self.problem.record
@@ -74,6 +86,18 @@ class Filtered:
     ) -> Evaluation:
         """A pass over the record.  Raises ModelError as `Observer` does."""
         return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, watched=watched)
+
+    def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
+        """The model with the random force that is declared, and with the one that it has."""
+        return replace(model, noise=replace(model.noise, force=self.declared_noise().force)), model
+
+    def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
+        """What the bench's observer, which finds the constants itself, makes of the record with these effects."""
+        return examine(self.problem.carrying(effects), split)
+
+    def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
+        """As the bench's own observer has it."""
+        return after.held_out.ratio if after is not None else held_out.scale**0.5
 
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """The whole catalogue beside a model, those with parameters where the record suggests them."""

@@ -5,6 +5,7 @@ run that nothing corrects is off.  The start is among the parameters.  What such
 record then counts for as many samples as its error has independent ones.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -16,7 +17,8 @@ from estimator.core.layout import OUTPUT
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 from estimator.identification.candidates import candidates
-from estimator.identification.filtered import Filtered
+from estimator.identification.checks import AT_FLOOR
+from estimator.identification.filtered import ROUGH, Filtered
 from estimator.identification.likelihood import BLOCKS, SHIFT, Evaluation, Layout, Model, Noise, observer_of
 from estimator.observer import Observer
 from estimator.record import Record
@@ -24,6 +26,7 @@ from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import REMEMBERED, simulate
+from estimator.trace.examination import Examination, examine
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import first_motion
 
@@ -80,10 +83,11 @@ def seen_motion(record: Record, observer: Observer) -> Array:
 @dataclass(frozen=True)
 class FreeRun(Filtered):
     """`Likelihood` of a record by its free run; fitted: whether its start is that of the model's parameters, else its
-    first samples tell it.
+    first samples tell it; followed: whether the run is corrected for the random force that the record asks for.
     """
 
     fitted: bool = True
+    followed: bool = False
 
     @property
     def first(self) -> int:
@@ -92,13 +96,44 @@ class FreeRun(Filtered):
         unsure = 0.5 * settings.spread.stiffness * float(np.sqrt(device.target)) * float(np.mean(self.problem.record.step))
         return max(FEWEST, int(HALF_TURN / unsure)) if unsure > 0.0 else super().first
 
+    @property
+    def most(self) -> int:
+        """Effects beside the declared: measured mechanisms have several."""
+        return 6
+
     def part(self, rows: slice) -> "FreeRun":
         """The same of these samples only; behind the beginning, a part that is not fitted."""
-        return FreeRun(self.problem.part(rows), self.fitted and not rows.start)
+        return replace(self, problem=self.problem.part(rows), fitted=self.fitted and not rows.start)
+
+    @property
+    def following(self) -> "FreeRun":
+        """The same with the random force that the record asks for: then a run does not lose the motion for what a model
+        lacks, and tells it.
+        """
+        return replace(self, followed=True)
 
     def layout(self, effects: Effects) -> StartLayout:
         """The parameters of the model with these effects, and the start of the record."""
         return StartLayout(self.problem, effects)
+
+    def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
+        """The model, and the same with the random force that the record asks for: none, where the run's error is no
+        more than the noise that is declared.
+        """
+        seen = self.evaluate(layout, model, derivatives=False)
+        if self.above_floor(seen, None) < AT_FLOOR:
+            return model, model
+        return model, self._with_force(layout, model, ROUGH)
+
+    def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
+        """What the bench's observer makes of the record with these effects and from these constants on."""
+        problem = self.problem.carrying(effects)
+        initial = {**problem.settings.initial, **constants}
+        return examine(replace(problem, settings=replace(problem.settings, initial=initial), controller=None), split)
+
+    def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
+        """The run's error over the noise that is declared, rms."""
+        return float(np.sqrt(np.nanmean((held_out.innovation / np.asarray(self.problem.device.noise)) ** 2)))
 
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """The whole catalogue beside a model, with what depends on the way that the mass came."""
@@ -114,11 +149,14 @@ class FreeRun(Filtered):
         return self.no_disturbance()
 
     def quieten(self, layout: Layout, model: Model) -> Model:
-        """The model as it is: nothing disturbs a free run."""
-        return model
+        """The model as it is, or with about the random force that makes the record most probable."""
+        return super().quieten(layout, model) if self.followed else model
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:
         """The model with the noise of each axis and the share of independent samples as its error has them."""
+        if self.followed:
+            return super().fit_noise(layout, replace(model, noise=replace(model.noise, independent=1.0)))
+        model = replace(model, noise=replace(model.noise, force=self.declared_noise().force))
         if self.axes > 1:
             model = self._balanced(layout, model)
         seen = self.evaluate(layout, model, derivatives=False)

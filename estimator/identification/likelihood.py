@@ -17,6 +17,7 @@ from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.side_by_side import stop_if_abandoned
+from estimator.trace.examination import Examination
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import begin_moving
 
@@ -170,7 +171,7 @@ class Likelihood(Protocol):
     """A record and the model that is held against it: all that fit, score test, search and checks know of either.
 
     effects: what is declared beside the base model, by name; axes, samples of the record; first: samples of the
-    beginning that is fitted first.
+    beginning that is fitted first; most: effects that a model of it may have beside the declared.
     """
 
     @property
@@ -184,6 +185,13 @@ class Likelihood(Protocol):
 
     @property
     def first(self) -> int: ...
+
+    @property
+    def most(self) -> int: ...
+
+    @property
+    def following(self) -> "Likelihood":
+        """The same by a filter that does not lose the motion for what a model lacks."""
 
     def part(self, rows: slice) -> "Likelihood":
         """The same of these samples only."""
@@ -202,6 +210,15 @@ class Likelihood(Protocol):
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:
         """The model with the noise that makes the record most probable."""
+
+    def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
+        """The model with the random force that is declared, and with the one that the record asks for."""
+
+    def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
+        """What the bench's observer makes of the whole record with these effects.  Raises DivergedError."""
+
+    def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
+        """What a model leaves on the part held out, over the noise floor."""
 
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """Effects that are not in a model, each with its parameters, SI."""

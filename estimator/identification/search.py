@@ -24,8 +24,8 @@ FINALISTS, CLEAR = 3, 30.0
 """Candidates of a round that are fitted to the whole, and the lead in twice the log-likelihood beyond which there is no
 second.
 """
-MOST = 4
-"""Effects that a model may have beside the declared: nobody believes a fifth."""
+FORBIDDEN = 3.0
+"""Deviations below zero of a coefficient that physics makes positive, beyond which it is no such effect."""
 CHANCE = 1e-3
 """How often an effect may be named that is not there, over a whole search."""
 QUIETER = 100.0
@@ -58,24 +58,29 @@ def margin(kinds: int) -> float:
     return 2.0 * float(np.log(kinds / CHANCE))
 
 
-def search(of: Likelihood, progress: Callable[[str, int, int], None] = lambda stage, done, total: None) -> Search:
+def search(
+    of: Likelihood,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    begun: FittedModel | None = None,
+) -> Search:
     """Effects added while the best of the candidates stands better by the margin, and taken out where their gain is not
-    sure: on the way, what the model still lacks scatters more than noise.
+    sure: on the way, what the model still lacks scatters more than noise; on from `begun`.
     """
-    base = now = fit(of, of.effects)
+    base = now = fit(of, of.effects) if begun is None else begun
     rounds: list[Round] = []
     kinds = 1
-    for step in range(MOST):
-        progress("effects", step, MOST)
+    for step in range(len(now.model.effects) - len(of.effects), of.most):
+        progress("effects", step, of.most)
         watched = of.candidates(now.model, now.evaluation)
         kinds = max(kinds, len({kind(name) for name in watched}))
         tables = scored(of, now, watched)
-        ranked = _fitted(of, now, shortlisted(tables, WORTH * margin(kinds)))
-        taken = ranked[0][0] if ranked and ranked[0][1].standing - now.standing > margin(kinds) else None
+        ranked = _fitted(of, now, shortlisted(of, tables, WORTH * margin(kinds)))
+        possible = [pair for pair in ranked if not impossible(of, *pair)][:1]
+        taken = next((name for name, one in possible if one.standing - now.standing > margin(kinds)), None)
         rounds.append(Round(now, tables[0], tuple(ranked), taken))
         if taken is None:
             break
-        now = finished(of, ranked[0][1])
+        now = finished(of, possible[0][1])
     return Search(base, backward(of, now, margin(kinds)), tuple(rounds))
 
 
@@ -88,15 +93,17 @@ def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[t
     quick = of.part(slice(0, QUICK))
     start = at(quick, base.layout, base.model)
     tried = side_by_side([partial(with_effect, quick, start, score) for score in shortlist])
-    ranked = sorted(zip(shortlist, tried, strict=True), key=lambda pair: -pair[1].standing)
+    pairs = zip(shortlist, tried, strict=True)
+    possible = [pair for pair in pairs if not impossible(of, pair[0].name, pair[1])]
+    ranked = sorted(possible, key=lambda pair: -pair[1].standing)
     ahead = [
         (score, one)
         for place, (score, one) in enumerate(ranked)
         if score is shortlist[0] or (place < FINALISTS and one.standing > ranked[0][1].standing - CLEAR)
     ]
     done = side_by_side([partial(_on_the_whole, of, base, score, one) for score, one in ahead])
-    pairs = zip([score.name for score, _ in ahead], done, strict=True)
-    return sorted(pairs, key=lambda pair: -pair[1].standing)
+    named = zip([score.name for score, _ in ahead], done, strict=True)
+    return sorted(named, key=lambda pair: -pair[1].standing)
 
 
 def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: FittedModel) -> FittedModel:
@@ -124,17 +131,35 @@ def scored(
     return (table, score_test(of, found, watched, reference)) if found.evaluation.sound else (table,)
 
 
-def shortlisted(tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
+def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
     """The best of each kind, the largest gain first, from each of the tables in turn, as many as are fitted; none that
-    gains less than `least`.
+    gains less than `least` or has a sign that physics forbids.
     """
     best: dict[str, Score] = {}
-    orders = [[score for score in table if score.gain > least] for table in reversed(tables)]
+    orders = [
+        [one for one in table if one.gain > least and not _forbidden(of, one.name, one.size, one.deviation)]
+        for table in reversed(tables)
+    ]
     for turn in zip_longest(*orders):
         for score in turn:
             if score is not None:
                 best.setdefault(kind(score.name), score)
     return list(best.values())[:SHORTLIST]
+
+
+def impossible(of: Likelihood, name: str, fitted: FittedModel) -> bool:
+    """Whether a fitted effect has a sign that physics forbids."""
+    places = fitted.layout.of(name)
+    deviation = np.sqrt(np.diagonal(np.linalg.pinv(fitted.posterior_information)))[places]
+    return _forbidden(of, name, fitted.model.theta[places], deviation)
+
+
+def _forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
+    coefficients = of.effect(name).coefficients
+    return any(
+        one.positive and not one.is_shape and value < -FORBIDDEN * spread
+        for one, value, spread in zip(coefficients, size, deviation, strict=False)
+    )
 
 
 def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:

@@ -1,20 +1,23 @@
 """From a record to a diagnosis: fit, search, checks, words."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
+
+import numpy as np
 
 from estimator.diagnosis import Diagnosis
 from estimator.errors import DivergedError
-from estimator.identification.ambiguity import exchanged
+from estimator.identification.ambiguity import Member, exchanged
 from estimator.identification.checks import CHECKS, Evidence
 from estimator.identification.filtered import Filtered
-from estimator.identification.fit import FittedModel, at, climb, finished, settle
+from estimator.identification.fit import FittedModel, at, climb, finished, fit, settle
+from estimator.identification.free_run import FreeRun
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.result import diagnosis, effects_of
-from estimator.identification.search import search, without_effect
+from estimator.identification.search import Search, search, without_effect
 from estimator.side_by_side import side_by_side
-from estimator.trace.examination import Examination, examine
+from estimator.trace.examination import Examination
 from estimator.trace.fitness import require_traceable
 from estimator.trace.problem import Problem
 
@@ -34,40 +37,96 @@ def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, do
     Raises ModelError for a record that cannot be traced, with what to record instead.
     """
     require_traceable(problem.record, problem.device, split)
-    whole = Filtered(problem)
-    searched, fitted = (whole.part(slice(0, min(split, most))) for most in (SEARCHED, REFINED))
+    whole = likelihood_of(problem, split)
     later = whole.part(slice(split, min(whole.samples, split + REFINED)))
-    found = search(searched, progress)
-    model, groups = exchanged(searched, found.best)
-    if fitted.samples > searched.samples:
-        model = finished(fitted, settle(fitted, at(fitted, model.layout, model.model)))
+    chosen = choose(whole.part(slice(0, split)), progress)
+    model = chosen.after
     progress("checks", 0, 1)
-    before = examine(problem.carrying(effects_of(found.base)), split)
-    named = [name for name in model.model.effects if name not in problem.effects]
+    before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
     try:
-        after = examine(problem.carrying(effects_of(model)), split) if named else before
+        after = whole.examined(constants_of(model), effects_of(model), split) if chosen.named else before
     except DivergedError:
-        after, named = before, []
-    evidence = _evidence(fitted, later, model, named, after)
+        after, model = before, chosen.before
+    evidence = evidence_of(chosen.of, later, model, after)
     checks = [check for checker in CHECKS for check in checker(evidence)]
     progress("checks", 1, 1)
-    return diagnosis(problem, split, found, evidence, checks, groups, before, after)
+    return diagnosis(problem, split, chosen.found, evidence, checks, chosen.groups, before, after)
 
 
-def _evidence(
-    fitted: Likelihood, later: Likelihood, model: FittedModel, named: list[str], after: Examination
-) -> Evidence:
+@dataclass(frozen=True)
+class Chosen:
+    """What was chosen: on how much of the record, by which search; the models before and after, fitted to `of`; what
+    may stand in the place of each effect.
+    """
+
+    of: Likelihood
+    found: Search
+    before: FittedModel
+    after: FittedModel
+    groups: dict[str, list[Member]]
+
+    @property
+    def named(self) -> list[str]:
+        """The effects that were added."""
+        return [name for name in self.after.model.effects if name not in self.before.model.effects]
+
+
+def choose(of: Likelihood, progress: Progress = lambda stage, done, total: None) -> Chosen:
+    """Effects chosen on a beginning of the record and fitted to more of it."""
+    searched, fitted = (of.part(slice(0, min(of.samples, most))) for most in (SEARCHED, REFINED))
+    found = search(searched.following, progress)
+    if searched.following != searched:
+        # What a filter is corrected for all the time, a run that nothing corrects may still tell.
+        more = search(searched, progress, freed(searched, found.best))
+        found = Search(freed(searched, found.base), more.best, (*found.rounds, *more.rounds))
+    best, groups = exchanged(searched, found.best)
+    models = [found.base, best]
+    if fitted.samples > searched.samples:
+        models = [finished(fitted, settle(fitted, at(fitted, one.layout, one.model))) for one in models]
+    return Chosen(fitted, found, *models, groups)
+
+
+def freed(of: Likelihood, followed: FittedModel) -> FittedModel:
+    """A model that was fitted by a filter, by a run that nothing corrects."""
+    model = replace(followed.model, noise=replace(followed.model.noise, force=of.declared_noise().force))
+    return finished(of, settle(of, at(of, followed.layout, model)))
+
+
+def likelihood_of(problem: Problem, split: int) -> Likelihood:
+    """The free run of a single axis, and of a response that nothing drives where it errs by less than a filter does
+    from one sample to the next; else the filter.
+    """
+    filtered, free = Filtered(problem), FreeRun(problem)
+    if problem.device.axes == 1:
+        return free
+    if np.any(problem.record.drive):
+        return filtered
+    errors = [fit(of.part(slice(0, min(split, SEARCHED))), of.effects).evaluation.innovation for of in (filtered, free)]
+    return free if np.nanmean(errors[1] ** 2) < np.nanmean(errors[0] ** 2) else filtered
+
+
+def constants_of(fitted: FittedModel) -> dict[str, float]:
+    """Constants of the base model, SI."""
+    layout = fitted.layout
+    values = fitted.model.theta[: len(layout.index)] * layout.factor[: len(layout.index)]
+    return {name: float(v) for name, owner, v in zip(layout.names, layout.owner, values, strict=False) if not owner}
+
+
+def evidence_of(fitted: Likelihood, later: Likelihood, model: FittedModel, after: Examination | None) -> Evidence:
+    """What the checks look at; after: what the bench's observer makes of the record, where that was asked."""
+    named = [name for name in model.model.effects if name not in fitted.effects]
     without = dict(zip(named, side_by_side([partial(_without, fitted, model, name) for name in named]), strict=True))
 
     def over_later(one: FittedModel) -> Evaluation:
         return later.evaluate(one.layout, one.model, derivatives=False)
 
-    quiet = replace(model.model, noise=replace(model.model.noise, force=fitted.declared_noise().force))
+    held_out = over_later(model)
+    quiet, disturbed = fitted.disturbed(model.layout, model.model)
     return Evidence(
-        fitted, model, without, over_later(model), {name: over_later(one) for name, one in without.items()},
-        after.held_out.ratio,
+        fitted, model, without, held_out, {name: over_later(one) for name, one in without.items()},
+        later.above_floor(held_out, after),
         fitted.evaluate(model.layout, quiet, derivatives=False),
-        fitted.evaluate(model.layout, model.model, derivatives=False),
+        fitted.evaluate(model.layout, disturbed, derivatives=False),
     )  # fmt: skip
 
 

@@ -1,5 +1,6 @@
 """A likelihood that is linear in every parameter, of which least squares says all in closed form."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from estimator.effects.declaration import Coefficient, Effect, Undone
 from estimator.identification.fit import FittedModel, fit
 from estimator.identification.likelihood import BLOCKS, Evaluation, Layout, Model, Noise
 from estimator.model.formula import symbols
+from estimator.trace.examination import Examination
 from estimator.trace.problem import Effects
 from tests.identification.plain import Array
 
@@ -52,6 +54,27 @@ class Linear:
     @property
     def samples(self) -> int:
         return len(self.y)
+
+    @property
+    def first(self) -> int:
+        return len(self.y)
+
+    @property
+    def most(self) -> int:
+        return 4
+
+    @property
+    def following(self) -> "Linear":
+        return self
+
+    def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
+        return model, model
+
+    def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
+        raise AssertionError("no observer here")
+
+    def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
+        return held_out.scale**0.5
 
     def part(self, rows: slice) -> "Linear":
         columns = {name: one[rows] for name, one in self.columns.items()}
