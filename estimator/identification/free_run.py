@@ -70,13 +70,18 @@ class StartLayout(Layout):
 
 
 def seen_motion(record: Record, observer: Observer) -> Array:
-    """Scaled displacements and velocities (states,) that the first samples of a record show, one interval earlier."""
+    """Scaled displacements and velocities (states,) one interval before the first sample, as the first samples show
+    them: by the resonance, where they hold a cycle of it, else by a parabola.
+    """
     device = observer.device
-    motion = first_motion(record, observer.scaling.omega0) / device.sense_gain
-    if not np.all(np.isfinite(motion)):
-        first = record.sense[: min(3, len(record))] / np.asarray(device.sense_gain)
-        slope = np.diff(first, axis=0).mean(axis=0) / float(np.mean(record.step)) if len(first) > 1 else 0.0 * first[0]
-        motion = np.nan_to_num(np.stack([first[0], slope]))
+    motion = np.full((2, device.axes), np.nan)
+    if 2.0 * np.pi / observer.h <= TELLING:
+        motion = first_motion(record, observer.scaling.omega0)
+    first = record.sense[:TELLING]
+    told = np.all(np.isfinite(first), axis=1)
+    if not np.all(np.isfinite(motion)) and told.sum() > 2:
+        motion = np.polynomial.polynomial.polyfit(np.cumsum(record.step[:TELLING])[told], first[told], 2)[:2]
+    motion = np.nan_to_num(motion) / np.asarray(device.sense_gain)
     return np.asarray(motion.T.ravel() / observer.factors[: observer.states])
 
 
@@ -93,7 +98,9 @@ class FreeRun(Filtered):
     def first(self) -> int:
         """Samples over which the declared stiffness keeps count of the cycles."""
         settings, device = self.problem.settings, self.problem.device
-        unsure = 0.5 * settings.spread.stiffness * float(np.sqrt(device.target)) * float(np.mean(self.problem.record.step))
+        unsure = (
+            0.5 * settings.spread.stiffness * float(np.sqrt(device.target)) * float(np.mean(self.problem.record.step))
+        )
         return max(FEWEST, int(HALF_TURN / unsure)) if unsure > 0.0 else super().first
 
     @property
@@ -138,11 +145,23 @@ class FreeRun(Filtered):
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """The whole catalogue beside a model, with what depends on the way that the mass came."""
         found = candidates(self.problem, model.effects, evaluation, freely=True)
+        if not np.any(self.problem.record.drive):
+            found = {name: given for name, given in found.items() if not self._own_line(model, given)}
         if any(remembers(self.effect(name)) for name in model.effects):
             return {name: given for name, given in found.items() if not self.effect(name).slips}
         if any(self.effect(name).slips for name in model.effects):
             return {name: given for name, given in found.items() if not remembers(self.effect(name))}
         return found
+
+    def _own_line(self, model: Model, given: Mapping[str, float]) -> bool:
+        """Whether a line is one of the model's own modes, which ring without a drive."""
+        if "omega" not in given:
+            return False
+        constants = dict(zip(self.layout(model.effects).names, model.theta.tolist(), strict=True))
+        k = np.diag([constants.get(name, 0.0) for name in ("kxx", "kyy")[: self.axes]])
+        k = k + constants.get("kxy", 0.0) * (1.0 - np.eye(self.axes))
+        own = np.sqrt(np.abs(np.linalg.eigvalsh(k)) * self.problem.device.target)
+        return bool(np.min(np.abs(own - given["omega"])) * self.problem.span < 2.0 * np.pi)
 
     def declared_noise(self) -> Noise:
         """That of the sensors: nothing disturbs a free run."""
@@ -301,7 +320,9 @@ class _Run:
         """
         observer = self._observer({**self.effects, **watched}, len(watched))
         observer.x[observer.estimated_index] = start
-        columns = np.eye(len(start))[:, : observer.states] if moved < 0 else np.eye(len(start))[:, self.layout.kept[:moved]]
+        columns = (
+            np.eye(len(start))[:, : observer.states] if moved < 0 else np.eye(len(start))[:, self.layout.kept[:moved]]
+        )
         if self.slips:
             return self._simulated(observer, record, known, columns)
         still = np.zeros((len(start), len(start)))
@@ -349,4 +370,3 @@ class _Run:
             rows[:, c + m : c + m + w] = by[:, by.shape[1] - w :]
         rows[~np.isfinite(record.sense).ravel(), -1] = np.nan
         return rows
-
