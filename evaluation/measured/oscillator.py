@@ -4,7 +4,8 @@ from pathlib import Path
 
 from estimator.identification.checks import CHECKS, deviations
 from estimator.identification.free_run import FreeRun
-from estimator.identification.trace import TWO_SIDED, Chosen, choose, evidence_of, verdict_of
+from estimator.identification.result import TWO_SIDED, verdict_of
+from estimator.identification.trace import Chosen, choose, evidence_of
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
