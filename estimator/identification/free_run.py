@@ -286,8 +286,8 @@ class _Run:
         c = len(self.known)
         if self.moved and len(rows):
             own = c + np.flatnonzero(self.layout.kept < states)
-            seen = ~np.isnan(rows[:, -1])
-            others = [k for k in range(rows.shape[1] - 2) if k not in own]
+            seen = np.flatnonzero(~np.isnan(rows[:, -1]))
+            others = np.setdiff1d(np.arange(rows.shape[1] - 2), own)
             answer = np.linalg.lstsq(rows[np.ix_(seen, own)], rows[np.ix_(seen, others)], rcond=BLIND)[0]
             rows[:, others] -= rows[:, own] @ answer
             rows[:, own] = 0.0

@@ -80,10 +80,10 @@ def choose(of: Likelihood, progress: Progress = lambda stage, done, total: None)
         more = search(searched, progress, freed(searched, found.best))
         found = Search(freed(searched, found.base), more.best, (*found.rounds, *more.rounds))
     best, groups = exchanged(searched, found.best)
-    models = [found.base, best]
+    before = found.base
     if fitted.samples > searched.samples:
-        models = [finished(fitted, settle(fitted, at(fitted, one.layout, one.model))) for one in models]
-    return Chosen(fitted, found, *models, groups)
+        before, best = (finished(fitted, settle(fitted, at(fitted, one.layout, one.model))) for one in (before, best))
+    return Chosen(fitted, found, before, best, groups)
 
 
 def freed(of: Likelihood, followed: FittedModel) -> FittedModel:

@@ -71,7 +71,8 @@ def described(chosen: Chosen) -> list[str]:
     layout, half = chosen.after.layout, TWO_SIDED * deviations(chosen.after)
     for name in chosen.named:
         effect = chosen.of.effect(name)
-        units = {one.name.partition(":")[0]: one.unit for one in (*effect.coefficients, *effect.parameters)}
+        units = {one.name.partition(":")[0]: one.unit for one in effect.coefficients}
+        units |= {one.name: one.unit for one in effect.parameters}
         parts = []
         for k in layout.of(name):
             value, wide = (

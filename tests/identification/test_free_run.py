@@ -14,7 +14,6 @@ from estimator.identification.score_test import score_test
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from estimator.trace.problem import Problem
-from tests.identification.plain import Array
 
 RATE, OMEGA0, DAMPING, SIZE, GAIN, NOISE = 1000.0, 2.0 * np.pi * 50.0, 30.0, 1e-6, 1e6, 1e-3
 N = 900
