@@ -97,7 +97,7 @@ class Filtered:
 
     def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
         """As the bench's own observer has it."""
-        return after.held_out.ratio if after is not None else held_out.scale**0.5
+        return after.held_out.ratio if after is not None else float(np.sqrt(held_out.scale))
 
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """The whole catalogue beside a model, those with parameters where the record suggests them."""

@@ -225,7 +225,8 @@ class FreeRun(Filtered):
             information[block], score[block], power[block] = both[:k, :k], -both[:k, k], both[k, k]
             logs[block], count[block] = counted[:, -1].sum(), len(counted)
         # Of a coloured error, n samples say as much as fewer that are independent.
-        innovation = (rows[:, -2] * np.exp(rows[:, -1])).reshape(-1, axes)
+        with np.errstate(over="ignore", invalid="ignore"):
+            innovation = (rows[:, -2] * np.exp(rows[:, -1])).reshape(-1, axes)
         volts = run.observer.volts
         return Evaluation(
             names, share * score, share * information, share * power, share * logs, share * count,

@@ -74,7 +74,7 @@ class Linear:
         raise AssertionError("no observer here")
 
     def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
-        return held_out.scale**0.5
+        return float(np.sqrt(held_out.scale))
 
     def part(self, rows: slice) -> "Linear":
         columns = {name: one[rows] for name, one in self.columns.items()}
