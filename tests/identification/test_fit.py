@@ -37,7 +37,9 @@ def test_a_fit_is_where_an_optimiser_finds_the_penalised_likelihood_largest() ->
     assert found.objective == pytest.approx(-best.fun, abs=0.02)
     off = found.model.theta - best.x
     assert off @ found.posterior_information @ off < 0.04
-    assert found.standing == pytest.approx(2.0 * found.objective - 3.0 * np.log(600.0))
+    declared = ((found.model.theta - layout.mean) / layout.deviation)[:2]  # the last is an effect's plausible size
+    likelihood = 2.0 * found.evaluation.log_likelihood - declared @ declared
+    assert found.standing == pytest.approx(likelihood - 3.0 * np.log(600.0))
 
 
 def test_a_coefficient_goes_no_lower_than_its_least() -> None:
