@@ -391,7 +391,7 @@ def test_a_page_that_names_nothing_tells_of_nothing_found(tmp_path: Path) -> Non
     page = written(tmp_path, nothing)
     assert "by what was found" not in page
     assert "The angle moves by" in page
-    assert "at most, by what was carried and is not named" in page
+    assert "at most, by the fitted candidate that is not named" in page
     spectrum = page[page.index("Spectrum of the residual") :].partition("</svg>")[0]
     assert "3.00 times the floor." in spectrum
     assert "before" not in spectrum
