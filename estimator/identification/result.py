@@ -112,10 +112,9 @@ def _equivalents(problem: Problem, evidence: Evidence, effects: tuple[Found, ...
         _three(stiffness), _three(damping), device.stiffness, problem.settings.spread.stiffness * device.target
     )
     intervals = {one.name: dict(one.coefficients) for one in effects}
-    nonreciprocal = intervals.get("nonreciprocal_stiffness", {}).get("kn")
     return {
         (same.effect, same.other): Confusable(same.effect, same.other, 1.0, same.told_by, None, same.angle)
-        for same in equivalents(intervals, constants, nonreciprocal)
+        for same in equivalents(intervals, constants, None)
     }
 
 

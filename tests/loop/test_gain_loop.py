@@ -329,7 +329,7 @@ def test_a_matrix_that_no_board_takes_is_not_sent(tmp_path: Path, number: float)
     link = Overheard(board(gyro.scenario(tmp_path / "board.toml")))
 
     def spoil(observer: Observer) -> None:
-        observer._record["quantum"] = {math.nan: math.nan, math.inf: 0.0}.get(number, 1e-30)
+        observer.arrays.settings["quantum"] = {math.nan: math.nan, math.inf: 0.0}.get(number, 1e-30)
 
     with pytest.raises(BeyondLimits, match=r"a matrix with .* in it, which no board takes: nothing was sent"):
         close_loop(link, bench(0.5), tmp_path / "run", spoil)
