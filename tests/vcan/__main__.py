@@ -13,6 +13,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+import hil
 from benchmarks.virtual_can import NotHere, with_vcan
 
 TREE = Path(__file__).parents[2]
@@ -33,13 +34,15 @@ def main(arguments: list[str]) -> int:
 
 
 def build(place: Path) -> str:
-    """The C board, for the machine at hand and the one inside alike; "" without a compiler."""
+    """The C board with the estimator of c-board-own, for the machine at hand and the one inside alike; "" without a
+    compiler.
+    """
     if shutil.which("make") is None or shutil.which("cc") is None:
         return ""
     keep = {name: value for name, value in os.environ.items() if name not in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL")}
-    subprocess.run(
-        ["make", "--silent", "-C", str(TREE / "firmware"), f"BUILD={place}/firmware", "all"], check=True, env=keep
-    )
+    hil.generate("c-board-own", out=place / "estimator", sense_scale=0.25 / 2**15)
+    where = [f"BUILD={place}/firmware", f"ESTIMATOR={place}/estimator"]
+    subprocess.run(["make", "--silent", "-C", str(TREE / "firmware"), *where, "all"], check=True, env=keep)
     return f"{place}/firmware/pty_board"
 
 

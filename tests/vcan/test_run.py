@@ -19,6 +19,7 @@ import pytest
 from hil.cli import execute
 from hil.loop import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.records.capture import read_capture
+from hil.records.runfolder import RunFolder
 from hil.wire.spec import SPEC
 from tests.forked import Forked
 from tests.wire.served import Board
@@ -121,3 +122,16 @@ def test_a_run_of_the_c_board(c_board, tmp_path, capsys):
     identifiers = {name: SPEC.can.identifier(layout.type, 2, 1) for name, layout in SPEC.messages.items()}
     assert SAMPLES <= heard[identifiers["SENSE"]] <= SAMPLES + 1
     assert heard[identifiers["DRIVE_FORCE"] - 1] == SAMPLES + 1  # and one of zero after SAFE, which is refused
+
+
+def test_a_run_in_board_mode_by_generated_code(c_board, tmp_path, capsys):
+    with serving(Board([str(c_board), "--link", "can:vcan0?node=3", "--rate", "1.0", "--estimator"])) as url:
+        result = run("c-board-own", url, tmp_path, capsys)
+    assert (result["verdict"], result["mode"], result["lost"], result["samples"]) == ("good", "board", 0, SAMPLES)
+    folder = RunFolder(tmp_path / str(result["run"]))
+    own = folder.board_estimates
+    assert len(own.tick) >= SAMPLES // 40 - 1  # the last one comes behind the last sample, with which the run ends
+    assert np.array_equal(own.tick, 39 + 40 * np.arange(len(own.tick)))
+    assert own["driving"][-1]
+    assert abs(own["rate_rad_s"][-1] - 1.0) < 5.0 * own["sd_rate_rad_s"][-1]
+    assert abs(own["kxx_per_s2"][-1] - 1.602e6) < 5.0 * own["sd_kxx_per_s2"][-1]
