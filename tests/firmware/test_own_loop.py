@@ -120,6 +120,22 @@ def test_on_a_cortex_m7_it_is_the_hosts_own_loop_code_by_code(
     assert_the_same_loop(on_m7, host)
 
 
+@pytest.mark.long
+def test_in_32_bits_its_angle_is_within_a_tenth_of_a_milliradian(boards: Path, tmp_path: Path) -> None:
+    """Of the same loop closed by the host in double, by root mean square: rounding moves codes, and so noise."""
+    short = make(tmp_path / "boards", "all", f"ESTIMATOR={generated(tmp_path / 'short', float32=True)}")
+    with pty_board(short, "--estimator") as (_, url):
+        own = ran(declared("board"), url, tmp_path / "board").board_estimates
+    with pty_board(boards) as (_, url):
+        host = ran(host_closes(), url, tmp_path / "host").estimates
+    assert own is not None
+    assert host is not None
+    said = len(own.tick)
+    scored = own.t_s >= 1.5
+    apart = (own["angle_rad"] - host["angle_rad"][:said])[scored]
+    assert np.sqrt(np.mean((apart - apart[0]) ** 2)) < 1e-4
+
+
 def test_its_estimates_are_summed_up_and_compared(on_m7: RunFolder, tmp_path: Path) -> None:
     result = on_m7.result
     assert result is not None
