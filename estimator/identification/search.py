@@ -137,7 +137,7 @@ def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: fl
     """
     best: dict[str, Score] = {}
     orders = [
-        [one for one in table if one.gain > least and not _forbidden(of, one.name, one.size, _deviation(one))]
+        [one for one in table if one.gain > least and not _forbidden(of, one.name, one.size, one.deviation)]
         for table in reversed(tables)
     ]
     for turn in zip_longest(*orders):
@@ -145,11 +145,6 @@ def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: fl
             if score is not None:
                 best.setdefault(kind(score.name), score)
     return list(best.values())[:SHORTLIST]
-
-
-def _deviation(score: Score) -> Array:
-    """Of a single coefficient; of several, a fit has to tell."""
-    return np.abs(score.size) / np.sqrt(score.gain) if len(score.size) == 1 else np.full(len(score.size), np.inf)
 
 
 def impossible(of: Likelihood, name: str, fitted: FittedModel) -> bool:

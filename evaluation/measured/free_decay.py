@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from evaluation.measured.oscillator import declared, described, errors_on, imported, judged, record_of, traced
+from estimator.simulation import simulate
+from evaluation.measured.oscillator import declared, described, imported, judged, record_of, traced
 from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 
 _RECORDS = {
@@ -19,12 +20,15 @@ def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
     capture = imported(data / file, work, name, nonuniform=nonuniform)
     record = record_of(capture)
     first, last = capture.segments["train"], capture.segments["test"]
-    trace = traced(record.part(slice(*first)), name, say)
+    trace = traced(record.part(slice(*first)), name, 0, say)
     device, _ = declared(name)
-    errors = errors_on(record, name, trace, fitted=True)
+    errors = [
+        record.sense - simulate(observer, fit.state, record.drive, step=record.step).sensed
+        for observer, fit in ((trace.observer_before, trace.before), (trace.observer, trace.after))
+    ]
     before, after = (rms(error[slice(*last)]) for error in errors)
     verdict, against = judged(record.part(slice(*first)), name, trace, record.part(slice(*last)))
-    effects = trace.named
+    effects = list(trace.effects)
     rows = [MeasuredRow(folder, "test", "free-run RMSE", unit, factor * before, factor * after, verdict, effects)]
     signal = record.sense[slice(*last)] - np.mean(record.sense[slice(*last)], axis=0)
     share = 100.0 / rms(signal)

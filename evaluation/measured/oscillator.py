@@ -2,13 +2,10 @@
 
 from pathlib import Path
 
-from estimator.identification.checks import CHECKS, deviations
-from estimator.identification.free_run import FreeRun
-from estimator.identification.result import TWO_SIDED, verdict_of
-from estimator.identification.trace import Chosen, choose, evidence_of
 from estimator.record import Record
-from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
+from estimator.trace import free_run
+from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from estimator.trace.problem import Problem
 from evaluation.measured.outcome import Say
 from hil import examples
@@ -37,54 +34,39 @@ def record_of(capture: Capture) -> Record:
     return Record(samples.sense, samples.drive, samples.step)
 
 
-def judged(record: Record, name: str, chosen: Chosen, test: Record) -> tuple[str, tuple[str, ...]]:
-    """The word on `test` of what was chosen on `record`, as `hil trace` has it, and what speaks against it."""
-    later = FreeRun(Problem(test, *declared(name)), fitted=False)
-    evidence = evidence_of(chosen.of, later, chosen.after, None)
-    checks = [check for checker in CHECKS for check in checker(evidence)]
-    named = list(evidence.without)
-    return verdict_of(named, checks).value, tuple(check.sentence for check in checks if not check.passed)
+def judged(record: Record, name: str, trace: SimulationTrace, test: Record) -> tuple[str, tuple[str, ...]]:
+    """The word on `test` of what was found on `record`, as `hil trace` has it, and what speaks against it."""
+    verdict, against = free_run.judged(free_run.claimed(Problem(record, *declared(name)), trace, test))
+    return verdict.value, against
 
 
-def traced(record: Record, name: str, say: Say) -> Chosen:
+def traced(record: Record, name: str, skip: int, say: Say) -> SimulationTrace:
     """Effects of a record by its free run."""
+    device, settings = declared(name)
 
     def progress(what: str, done: int, total: int) -> None:
         say(f"{name}: {what} {done}/{total}")
 
-    return choose(FreeRun(Problem(record, *declared(name))), progress)
+    return trace_by_simulation(Problem(record, device, settings), skip, progress)
 
 
-def errors_on(record: Record, name: str, chosen: Chosen, *, fitted: bool = False) -> tuple[Array, Array]:
-    """What free runs (n, axes) V are off on a record, before and after; NaN over its first samples, which tell their
-    start, unless the record is the one that was `fitted`, with what comes after.
-    """
-    of = FreeRun(Problem(record, *declared(name)), fitted=fitted)
-    models = (chosen.before, chosen.after)
-    before, after = (of.evaluate(one.layout, one.model, derivatives=False).innovation for one in models)
-    return before, after
-
-
-def described(chosen: Chosen) -> list[str]:
-    """What was found, in Markdown: equations, coefficients with intervals, look-alikes."""
+def described(trace: SimulationTrace) -> list[str]:
+    """What was found, in Markdown: equations, coefficients with intervals, look-alikes, what was left out."""
     lines = []
-    layout, half = chosen.after.layout, TWO_SIDED * deviations(chosen.after)
-    for name in chosen.named:
-        effect = chosen.of.effect(name)
-        units = {one.name.partition(":")[0]: one.unit for one in effect.coefficients}
-        units |= {one.name: one.unit for one in effect.parameters}
+    for number, effect in trace.observer.effects:
+        del number
+        if effect.name not in trace.effects:
+            continue
         parts = []
-        for k in layout.of(name):
-            value, wide = (
-                float(chosen.after.model.theta[k] * layout.factor[k]),
-                float(half[k] * abs(layout.factor[k])),
-            )
-            label, unit = layout.names[k], units[layout.names[k].partition(":")[0]]
-            parts.append(f"{label} = {value:.5g} [{value - wide:.5g}, {value + wide:.5g}] {unit}")
+        for coefficient in effect.coefficients:
+            low, high = trace.after.interval(coefficient.name)
+            value = trace.after.value(coefficient.name)
+            parts.append(f"{coefficient.name} = {value:.5g} [{low:.5g}, {high:.5g}] {coefficient.unit}")
         force = " , ".join(f"+ {e}" for e in (*effect.force, *effect.sense) if e != 0)
-        lines.append(f"- **{name}** (`{force}`): {'; '.join(parts)}")
-        lines += [
-            f"- {name} and {one.name} look alike on this record (likeness {one.likeness:.4f})"
-            for one in chosen.groups[name]
-        ]
+        lines.append(f"- **{effect.name}** (`{force}`): {'; '.join(parts)}; evidence {trace.evidence[effect.name]:.0f}")
+    for taken, other, correlation in trace.alike:
+        lines.append(f"- {taken} and {other} look alike on this record (correlation {correlation:.4f})")
+    for name, reason in trace.rejected.items():
+        if reason.startswith("fits"):
+            lines.append(f"- left out: {name}, which {reason}")
     return ["\n".join(lines)] if lines else ["Nothing was added."]

@@ -66,6 +66,14 @@ def test_candidates_are_ranked_by_what_they_gain_less_what_they_cost() -> None:
     assert [name for name, _ in found.rounds[0].fitted] == ["b", "a"]
 
 
+def test_the_shortlist_leaves_out_what_physics_forbids() -> None:
+    of = replace(orthogonal(a=(1, 60.0)), declared={name: effect(name, 1, positive=True) for name in "ab"})
+    below = Score("a", 90.0, np.array([-0.4]), np.array([0.1]), 1.0, {})
+    assert [one.name for one in shortlisted(of, ((below, replace(below, name="b", size=-below.size)),), 10.0)] == ["b"]
+    unsure = replace(below, deviation=np.array([0.2]))
+    assert [one.name for one in shortlisted(of, ((unsure,),), 10.0)] == ["a"]
+
+
 def test_a_superfluous_effect_is_taken_out_again_and_one_that_pays_stays() -> None:
     of = orthogonal(a=(1, 60.0), b=(1, 20.0), c=(1, 50.0))
     least = backward(of, fitted(of, "a", "b", "c"), margin(3))
@@ -117,12 +125,14 @@ def table(*gains: tuple[str, float]) -> tuple[Score, ...]:
 
 
 def test_the_shortlist_has_the_best_of_each_kind_from_each_table_in_turn() -> None:
+    names = ("a:1", "a:2", "b", "c", "d", "e", "f", *(f"e{k}" for k in range(9)))
+    of = replace(orthogonal(a=(1, 60.0)), declared={name: effect(name, 1) for name in names})
     loud = table(("a:1", 90.0), ("a:2", 80.0), ("b", 70.0), ("c", 60.0), ("d", 9.0))
     quiet = table(("e", 50.0), ("b", 40.0), ("f", 30.0))
-    assert [one.name for one in shortlisted((loud, quiet), 10.0)] == ["e", "a:1", "b", "f", "c"]
-    assert [one.name for one in shortlisted((loud,), 70.0)] == ["a:1"]
+    assert [one.name for one in shortlisted(of, (loud, quiet), 10.0)] == ["e", "a:1", "b", "f", "c"]
+    assert [one.name for one in shortlisted(of, (loud,), 70.0)] == ["a:1"]
     many = table(*[(f"e{k}", 99.0 - k) for k in range(9)])
-    assert [one.name for one in shortlisted((many,), 0.0)] == [f"e{k}" for k in range(6)]
+    assert [one.name for one in shortlisted(of, (many,), 0.0)] == [f"e{k}" for k in range(6)]
 
 
 @pytest.mark.parametrize(("force", "forces"), [(50.0, [50.0]), (3000.0, [3000.0, 30.0]), (150.0, [150.0, 1.5])])
