@@ -39,8 +39,7 @@ class BlockLoop(TurnLoop):
         self._scale = np.array([identity.sense_scale_V] * 2 + [identity.drive_scale_mps2] * 2)
         blocks, block = self._blocks, bench.loop.block
         blocks.rows = block
-        blocks.stride = min(bench.loop.estimate_every, block)
-        blocks.every = max(bench.loop.estimate_every // block, 1)
+        blocks.every = bench.loop.estimate_every
         blocks.covariance_every = bench.loop.covariance_stride(self._rate_Hz) // block
         blocks.clip, blocks.saturation = 2 ** (identity.sense_bits - 1) - 1, self._drive_limit
         units = (*observer.volts, *[observer.scaling.drive] * 2)

@@ -11,7 +11,7 @@ from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
 from hil.scoring import angle_error_rad, score, scored_window
-from hil.verdict.budget import remedy
+from hil.verdict.remedies import remedy
 from tests.loop import gyro
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]
@@ -117,7 +117,7 @@ def test_too_uncertain_an_angle_fails_and_the_remedy_is_a_setting(tmp_path: Path
     assert part.outcome == "failed"
     assert "[limits] angle_rad" in part.reason
     assert result.uncertainty[0].source in part.reason
-    assert part.next == remedy(result.uncertainty[0], gyro.bench(controller={"virtual_reversal_s": 0.0}))
+    assert part.next == remedy(result.uncertainty[0], gyro.bench(controller={"virtual_reversal_s": 0.0})).text
 
 
 @pytest.mark.long

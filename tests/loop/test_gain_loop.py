@@ -14,6 +14,7 @@ from hil.bench import Bench
 from hil.errors import InputError
 from hil.loop import run as whole
 from hil.loop import turn
+from hil.loop.blocks import BlockLoop
 from hil.loop.native import Kind
 from hil.loop.preflight import require_suitable
 from hil.loop.skeleton import BeyondLimits
@@ -85,6 +86,23 @@ def test_the_pattern_is_held_and_the_angle_right(tmp_path: Path, latency: int) -
     assert driven[0] == BLOCK + latency + 1
     dither = np.abs(capture.drive[BLOCK + latency + 1 : 400])
     np.testing.assert_allclose(dither, 0.3, atol=3e-4)
+
+
+@pytest.mark.moderate
+def test_estimates_are_so_many_samples_apart_however_blocks_are_cut(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A link may cut blocks into shorter ones, as CAN does, of which no multiple is where an estimate is due."""
+    bind = BlockLoop._bind
+
+    def cut(loop: BlockLoop) -> None:
+        loop._blocks.every = 33
+        bind(loop)
+
+    monkeypatch.setattr(BlockLoop, "_bind", cut)
+    run, _ = close_loop(waiting(gyro.scenario(tmp_path / "board.toml")), bench(0.5), tmp_path / "run")
+    assert run.estimates is not None
+    assert run.estimates.tick.tolist() == list(range(32, 2000, 33))
 
 
 @pytest.mark.moderate

@@ -10,7 +10,7 @@ from hil.bench import Bench, override
 from hil.loop.run import run
 from hil.records.result import Result, load_result
 from hil.records.runfolder import RunFolder
-from hil.verdict.budget import remedy
+from hil.verdict.remedies import remedy
 from tests.loop import gyro
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("no_report")]
@@ -51,6 +51,6 @@ def followed(bench: Bench, advice: str) -> Bench:
 def test_a_row_is_lowered_by_what_is_proposed(tmp_path: Path, source: str, declared: dict[str, Any]) -> None:
     bench = gyro.bench(6.0, **declared)
     rows = {row.source: row for row in of(bench, tmp_path).uncertainty}
-    better = followed(bench, remedy(rows[source], bench))
+    better = followed(bench, remedy(rows[source], bench).text)
     lowered = {row.source: row for row in of(better, tmp_path).uncertainty}
-    assert lowered[source].contribution_rad < 0.9 * rows[source].contribution_rad, remedy(rows[source], bench)
+    assert lowered[source].contribution_rad < 0.9 * rows[source].contribution_rad, remedy(rows[source], bench).text

@@ -13,7 +13,7 @@ from hil.records.estimates import Estimates
 from hil.records.result import Contribution, Part, Result, Score
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
-from hil.verdict.budget import remedy
+from hil.verdict.remedies import remedy
 from tests.loop import gyro
 from tests.verdict.gyro_estimates import SETTLE_S, estimates
 
@@ -73,7 +73,7 @@ def test_the_expanded_uncertainty_is_held_against_its_limit(u: float) -> None:
     said = f"uncertain by {quantity(u, 'rad', 2)} (k = 2), [limits] angle_rad is 0.1; largest source: clock, "
     said += "U = 80\u00a0mrad"
     assert said in part.reason
-    assert part.next == remedy(LARGEST, bench())
+    assert part.next == remedy(LARGEST, bench()).text
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def test_both_count_together() -> None:
 def test_what_fails_twice_says_both_and_what_lowers_the_uncertainty() -> None:
     part = judged(estimates(energy_ratio=2.0), 0.2)
     assert part.reason.index("was not valid 100.00\u00a0%") < part.reason.index("uncertain by 200\u00a0mrad")
-    assert part.next == remedy(LARGEST, bench())
+    assert part.next == remedy(LARGEST, bench()).text
 
 
 def test_an_integrated_rate_needs_no_slender_ellipse() -> None:

@@ -155,7 +155,7 @@ class BlocksState(ctypes.Structure):
         *_of("observe z u outputs"),
         ("code", ctypes.c_double * 4),
         ("unit", ctypes.c_double * 4),
-        *_of("rows stride every covariance_every count closed began clip saturation"),
+        *_of("rows every since covariance_every count closed began clip saturation"),
     )
 
 

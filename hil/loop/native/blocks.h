@@ -19,24 +19,26 @@ static bool is_odd(turn_t *turn, const row_t *rows, int64_t count, int64_t last)
     return matrices_named_(turn->gains->matrices, rows->matrix, rows->tick, last) != MATRIX_FINE;
 }
 
-/* Have the observer take the samples, and keep the estimates that are to be recorded. */
+/* Have the observer take the samples, and keep the estimates that are to be recorded: a link that cuts blocks into
+   shorter ones changes nothing of which those are. */
 static int observe(turn_t *turn, const row_t *rows, int64_t count)
 {
     blocks_t *blocks = turn->blocks;
-    bool kept = blocks->count % blocks->every == blocks->every - 1;
     for (int64_t k = 0; k < count; k++)
         for (int column = 0; column < 4; column++) {
             double *to = column < 2 ? blocks->z : blocks->u;
             to[2 * k + column % 2] = rows[k].codes[column] * blocks->code[column] / blocks->unit[column];
         }
-    for (int64_t at = 0; at < count; at += blocks->stride) {
-        int64_t part = count - at < blocks->stride ? count - at : blocks->stride;
+    for (int64_t at = 0, part; at < count; at += part) {
+        int64_t due = blocks->every - blocks->since;
+        part = count - at < due ? count - at : due;
         blocks->observe(turn->context, part, blocks->z + 2 * at, blocks->u + 2 * at,
                         blocks->outputs + at * turn->outputs);
         if (turn->failed)
             return TURN_FAILED;
         turn->newest = blocks->outputs + (at + part - 1) * turn->outputs;
-        if (kept && part == blocks->stride)
+        blocks->since = (blocks->since + part) % blocks->every;
+        if (blocks->since == 0)
             keep_estimate(turn, rows[at + part - 1].tick);
     }
     return TURN_DONE;

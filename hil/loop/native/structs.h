@@ -139,8 +139,8 @@ typedef struct {
     double *z, *u, *outputs;       /* of as many samples as a SENSE may have */
     double code[4], unit[4];       /* SI of a code; of a scaled unit */
     int64_t rows;                  /* of a block */
-    int64_t stride;                /* samples of a block from estimate to estimate */
-    int64_t every, covariance_every; /* blocks */
+    int64_t every, since;          /* samples from estimate to estimate, and those after the last */
+    int64_t covariance_every;      /* blocks */
     int64_t count;                 /* that were observed */
     int64_t closed;                /* the loop */
     int64_t began;                 /* tick of the first row since ARM, with which a block begins; NONE */
