@@ -235,7 +235,8 @@ def test_over_keyed_udp(built: Path, tmp_path: Path) -> None:
     assert done.folder is not None
     result = RunFolder(done.folder).result
     assert result is not None
-    assert (result.verdict, result.counters["estimates"]) == ("good", 400)
+    assert result.verdict == "good"
+    assert result.counters["estimates"] in (399, 400)  # the last may come when the last sample has ended the run
 
 
 # ------------------------------------------------------------------------------------------------------ what it does
