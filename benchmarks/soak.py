@@ -24,6 +24,7 @@ from hil.bench import Bench, override
 from hil.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.force import ForceLoop
 from hil.loop.preflight import configure
+from hil.loop.skeleton import Setup
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink
@@ -98,7 +99,7 @@ def rows(say: Say) -> list[Row]:
     observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     registers = configure(endpoint, identity, bench)
     tracks = {stem: Sum() for stem in ("capture", "innovation", "timing", "estimates", "covariance")}
-    loop = ForceLoop(endpoint, identity, bench, observer, tracks, registers)
+    loop = ForceLoop(Setup(endpoint, identity, bench, observer, tracks, registers))
     loop.arm()
     eigenvalues: list[float] = []
     memory: list[float] = []

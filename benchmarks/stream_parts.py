@@ -26,6 +26,7 @@ from hil.emulation import emulator
 from hil.loop.gain import GainLoop
 from hil.loop.native import LIBRARY, MOST_ROWS, NONE, ROW, SAID_ROOM, Batch, ReceiverState, payload_sizes
 from hil.loop.preflight import configure
+from hil.loop.skeleton import Setup
 from hil.loop.tracks import run_layouts
 from hil.records.ring import Ring
 from hil.wire import client
@@ -68,7 +69,7 @@ def per_row_us(bench: Bench, link: Link) -> dict[str, float]:
         for stem, layout in run_layouts(observer, bench, identity).items():
             tracks[stem] = stack.enter_context(Ring.create(f"{uuid.uuid4()}", layout.dtype, 2 * samples))
             tracks[stem].unlink()
-        loop = GainLoop(endpoint, identity, bench, observer, tracks, registers)
+        loop = GainLoop(Setup(endpoint, identity, bench, observer, tracks, registers))
         loop.arm()
         loop.run(round(0.5 * identity.tick_rate_Hz), lambda done: None, samples)  # closes the loop
         before, begin = loop.counters.samples, time.thread_time_ns()

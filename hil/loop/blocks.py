@@ -7,35 +7,22 @@ marks the gap in the capture.
 """
 
 import ctypes
-from collections.abc import Mapping
 
 import numpy as np
 
 from estimator.core.layout import OUTPUT
-from estimator.observer import Observer
-from hil.bench import Bench
 from hil.loop.native import MOST_ROWS, NONE, BlocksState
-from hil.loop.skeleton import NOTHING_WRITTEN
+from hil.loop.skeleton import Setup
 from hil.loop.turns import TurnLoop
-from hil.records.recorder import Track
-from hil.wire.endpoint import Endpoint
-from hil.wire.messages import Identity
 
 
 class BlockLoop(TurnLoop):
     """One run in a mode of which samples come in blocks."""
 
-    def __init__(
-        self,
-        endpoint: Endpoint,
-        identity: Identity,
-        bench: Bench,
-        observer: Observer,
-        tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = NOTHING_WRITTEN,
-    ) -> None:
+    def __init__(self, setup: Setup) -> None:
+        identity, bench, observer = setup.identity, setup.bench, setup.observer
         self._blocks = BlocksState(began=NONE)
-        super().__init__(endpoint, identity, bench, observer, tracks, registers, self._blocks)
+        super().__init__(setup, self._blocks)
         self._scale = np.array([identity.sense_scale_V] * 2 + [identity.drive_scale_mps2] * 2)
         blocks, block = self._blocks, bench.loop.block
         blocks.rows = block

@@ -7,18 +7,14 @@ knows nothing: its motion is acquired anew behind them.
 """
 
 import ctypes
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from estimator.observer import Observer
-from hil.bench import Bench
 from hil.loop.blocks import BlockLoop
 from hil.loop.board_estimates import BoardEstimates
 from hil.loop.native import Mode, PermitState
-from hil.loop.skeleton import NOTHING_WRITTEN
-from hil.records.recorder import Track
-from hil.wire.endpoint import Endpoint
+from hil.loop.skeleton import Setup
 from hil.wire.errors import ProtocolError
-from hil.wire.messages import DriveBoard, Estimate, Identity, Message
+from hil.wire.messages import DriveBoard, Estimate, Message
 from hil.wire.stream import unwrap
 
 _BEYOND = 1  # of what is odd
@@ -30,19 +26,11 @@ class BoardLoop(BlockLoop):
     DRIVE = DriveBoard
     MODE = Mode.BOARD
 
-    def __init__(
-        self,
-        endpoint: Endpoint,
-        identity: Identity,
-        bench: Bench,
-        observer: Observer,
-        tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = NOTHING_WRITTEN,
-    ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, registers)
-        self._permit = PermitState(limit=int(registers.get("DRIVE_LIMIT", self._drive_limit)))
-        track = tracks.get("board_estimates")
-        self._said_by_it = None if track is None else BoardEstimates(bench, identity, track)
+    def __init__(self, setup: Setup) -> None:
+        super().__init__(setup)
+        self._permit = PermitState(limit=int(setup.registers.get("DRIVE_LIMIT", self._drive_limit)))
+        track = setup.tracks.get("board_estimates")
+        self._said_by_it = None if track is None else BoardEstimates(setup.bench, setup.identity, track)
         self._beside: list[Message] = []  # messages that are no estimates, to be seen to
 
     def _bind(self) -> None:

@@ -5,18 +5,14 @@ What happens between a sample and its answer is one call into C (native/force.h)
 
 import ctypes
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
-from estimator.observer import Observer
-from hil.bench import Bench
 from hil.loop.echo import Echo
 from hil.loop.hindsight import Hindsight
 from hil.loop.native import Mode
-from hil.loop.skeleton import NOTHING_WRITTEN
+from hil.loop.skeleton import Setup
 from hil.loop.turns import TurnLoop
-from hil.records.recorder import Track
-from hil.wire.endpoint import Endpoint
-from hil.wire.messages import DriveForce, Identity, Message
+from hil.wire.messages import DriveForce, Message
 from hil.wire.sense import SenseRow
 
 
@@ -26,18 +22,10 @@ class ForceLoop(TurnLoop):
     DRIVE = DriveForce
     MODE = Mode.FORCE
 
-    def __init__(
-        self,
-        endpoint: Endpoint,
-        identity: Identity,
-        bench: Bench,
-        observer: Observer,
-        tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = NOTHING_WRITTEN,
-    ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, registers)
-        self._hindsight = Hindsight(observer)
-        self._shown = Echo(identity.latency_ticks, int(registers.get("DRIVE_LIMIT", self._drive_limit)))
+    def __init__(self, setup: Setup) -> None:
+        super().__init__(setup)
+        self._hindsight = Hindsight(setup.observer)
+        self._shown = Echo(setup.identity.latency_ticks, int(setup.registers.get("DRIVE_LIMIT", self._drive_limit)))
 
     def _bind(self) -> None:
         self._state.echo = ctypes.addressof(self._shown.state)

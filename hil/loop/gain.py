@@ -5,24 +5,20 @@ A gap in the samples is bridged by what the board must have done.
 
 import ctypes
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from estimator.core.library import LIBRARY as CORE
 from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix
-from estimator.observer import Observer
-from hil.bench import Bench
 from hil.declared import board_dither_of, board_filter_of
 from hil.loop.blocks import BlockLoop
 from hil.loop.matrices import SentMatrices
 from hil.loop.native import LIBRARY, GainsState, Mode
-from hil.loop.skeleton import NOTHING_WRITTEN
+from hil.loop.skeleton import Setup
 from hil.loop.turn import address_of
-from hil.records.recorder import Track
-from hil.wire.endpoint import Endpoint
-from hil.wire.messages import DriveGains, Identity, SafeReason
+from hil.wire.messages import DriveGains, SafeReason
 
 
 class GainLoop(BlockLoop):
@@ -31,16 +27,9 @@ class GainLoop(BlockLoop):
     DRIVE = DriveGains
     MODE = Mode.GAIN
 
-    def __init__(
-        self,
-        endpoint: Endpoint,
-        identity: Identity,
-        bench: Bench,
-        observer: Observer,
-        tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = NOTHING_WRITTEN,
-    ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, registers)
+    def __init__(self, setup: Setup) -> None:
+        super().__init__(setup)
+        identity, bench, observer = setup.identity, setup.bench, setup.observer
         block = bench.loop.block
         # A board that does not wait has gone on by up to a block when it hears: its next block is the first that a
         # matrix can be meant for from its beginning.

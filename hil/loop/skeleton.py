@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from estimator.observer import Observer
 from hil.bench import Bench
@@ -85,6 +85,19 @@ def _flag(name: str) -> Any:
     )
 
 
+class Setup(NamedTuple):
+    """What a loop works with: the link, what the board says of itself, the bench, the observer, by stem where rows are
+    recorded, and registers that were written.
+    """
+
+    endpoint: Endpoint
+    identity: Identity
+    bench: Bench
+    observer: Observer
+    tracks: Mapping[str, Track]
+    registers: Mapping[str, float] = NOTHING_WRITTEN
+
+
 class Loop(ABC):
     """One run with one board; `registers` are what was written to it and read back, None of them where nothing was.
 
@@ -111,15 +124,8 @@ class Loop(ABC):
     _residual: float = _kept("residual")
     _guarded: int = _kept("guarded")  # sample from which the residual may stop the run
 
-    def __init__(
-        self,
-        endpoint: Endpoint,
-        identity: Identity,
-        bench: Bench,
-        observer: Observer,
-        tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = NOTHING_WRITTEN,
-    ) -> None:
+    def __init__(self, setup: Setup) -> None:
+        endpoint, identity, bench, observer, tracks, registers = setup
         rate = identity.tick_rate_Hz
         self._state = TurnState(first=NONE, next=NONE)
         self._endpoint = endpoint

@@ -3,21 +3,18 @@ loop, steps of the target, the first rows, what is recorded more seldom.
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.observer import Estimates, Observer
+from estimator.observer import Estimates
 from hil.bench import Bench
 from hil.declared import drive_limit_of
 from hil.loop.angle import ReportedAngle
 from hil.loop.native import ALWAYS, NONE, BlocksState, Mode, Why
-from hil.loop.skeleton import NOTHING_WRITTEN, BeyondLimits, Loop
+from hil.loop.skeleton import BeyondLimits, Loop, Setup
 from hil.loop.tracks import estimate_rows, put_covariance, run_layouts
 from hil.loop.turn import SEEN, Turn
-from hil.records.recorder import Track
-from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import Identity, Message
 from hil.wire.sense import SenseRow
@@ -28,17 +25,9 @@ class TurnLoop(Loop):
 
     MODE: Mode
 
-    def __init__(
-        self,
-        endpoint: Endpoint,
-        identity: Identity,
-        bench: Bench,
-        observer: Observer,
-        tracks: Mapping[str, Track],
-        registers: Mapping[str, float] = NOTHING_WRITTEN,
-        blocks: BlocksState | None = None,
-    ) -> None:
-        super().__init__(endpoint, identity, bench, observer, tracks, registers)
+    def __init__(self, setup: Setup, blocks: BlocksState | None = None) -> None:
+        super().__init__(setup)
+        endpoint, identity, bench, observer, tracks, _ = setup
         self._layouts = run_layouts(observer, bench, identity)
         self._reported = ReportedAngle(bench)
         self._drive_limit = drive_limit_of(bench, identity)

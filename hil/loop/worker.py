@@ -366,10 +366,11 @@ def make_loop(
     from hil.loop.board import BoardLoop
     from hil.loop.force import ForceLoop
     from hil.loop.gain import GainLoop
+    from hil.loop.skeleton import Setup
 
     kinds: dict[str, type[ForceLoop | GainLoop | BoardLoop]]
     kinds = {"force": ForceLoop, "gain": GainLoop, "board": BoardLoop}
-    return kinds[bench.loop.mode](endpoint, identity, bench, observer, tracks, registers)
+    return kinds[bench.loop.mode](Setup(endpoint, identity, bench, observer, tracks, registers))
 
 
 def _on_signals(loop: "Loop") -> Callable[[], bool]:
