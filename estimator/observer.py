@@ -114,9 +114,7 @@ class Observer:
         self.settings = settings
         self._controller = controller
         self.number, self.model = model_for(device.axes)
-        self.scaling = Scaling(
-            math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain, device.angular_gain
-        )
+        self.scaling = Scaling.of(device)
         self.volts = np.array([self.scaling.sense(axis) for axis in range(device.axes)])  # of a unit of length
         self.effects = tuple(effect_for(name, device.axes, device.own) for name in settings.effects)
         self.carried = len(self.effects) - watched

@@ -3,6 +3,7 @@
 In SI the stiffness is about 1e8 1/s² and the position 1e-6 m; scaled, everything the covariance holds is of order one.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from estimator.effects.declaration import Coefficient, Parameter
 from estimator.model.declaration import Model, Quantity
+from estimator.settings import Device
 
 Array = NDArray[np.float64]
 
@@ -28,6 +30,12 @@ class Scaling:
     sense_gain: tuple[float, ...]
     drive_gain: float = 1.0
     angular_gain: float = 1.0
+
+    @classmethod
+    def of(cls, device: Device) -> "Scaling":
+        """That of a device, by what it declares."""
+        omega0 = math.sqrt(device.target)
+        return cls(omega0, device.amplitude, device.sense_gain, device.drive_gain, device.angular_gain)
 
     @property
     def force(self) -> float:

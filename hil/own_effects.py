@@ -7,7 +7,6 @@ The entry point has the name of its effect and leads to an `estimator.custom.Dec
 `estimator.effects.declaration.Effect` for what a law of text cannot say.
 """
 
-import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import EntryPoint, entry_points
@@ -119,9 +118,7 @@ class _Taken:
 def _scaling(device: Device) -> Any:
     from estimator.scaling import Scaling
 
-    return Scaling(
-        math.sqrt(device.target), device.amplitude, device.sense_gain, device.drive_gain, device.angular_gain
-    )
+    return Scaling.of(device)
 
 
 def _loaded(entry: EntryPoint) -> "Declaration | Effect":

@@ -44,7 +44,7 @@ def emps(data: Path, work: Path) -> list[Repeated]:
     """Quarters of the first file of EMPS, each by its forces."""
     capture = imported(data / FILES[0], work, "emps")
     device, _ = declared("emps")
-    scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain, device.drive_gain)
+    scaling = Scaling.of(device)
     edges = np.linspace(0, len(capture), PARTS + 1).astype(int).tolist()
     fits = [fit_forces(motion_in(capture.part(*ends)), FRICTION, scaling) for ends in pairwise(edges)]
     return [

@@ -64,8 +64,7 @@ class Resonator:
     @property
     def scaling(self) -> Scaling:
         """From scaled to SI."""
-        device = self.device
-        return Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
+        return Scaling.of(self.device)
 
     @property
     def unit(self) -> float:

@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 from functools import partial
 
-from estimator.identification.candidates import kind
 from estimator.identification.fit import FittedModel, settle
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.score_test import Score
 from estimator.identification.search import scored, with_effect, without_effect
 from estimator.side_by_side import side_by_side
+from estimator.trace.candidates import kind
 
 TIE = 9.0
 """Of twice the log-likelihood: odds of a hundred to one, below which two accounts are told together."""

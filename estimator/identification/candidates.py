@@ -8,25 +8,18 @@ from itertools import product
 import numpy as np
 
 from estimator.effects.catalogue import EFFECTS
-from estimator.effects.declaration import Effect, Parameter, Source
+from estimator.effects.declaration import Effect, Parameter
 from estimator.effects.search import Search
 from estimator.identification.likelihood import Evaluation
 from estimator.observer import senses_allow
 from estimator.scaling import Scaling
-from estimator.trace.candidates import _of_lines, _of_modes, _of_thresholds
+from estimator.trace.candidates import Values, has_signals, kind, labelled, of_lines, of_modes, of_thresholds
 from estimator.trace.problem import Effects, Problem
 
 CORNERS = (0.001, 0.01, 0.1)
 """Shares of the resonance at which a filter in the path may have its corner."""
 SPEEDS = (0.01, 0.1)
 """Shares of the largest velocity below which a friction may be less than dry."""
-
-Starts = list[tuple[str, tuple[float, ...]]]
-
-
-def kind(name: str) -> str:
-    """Name of an effect without its label."""
-    return name.partition(":")[0]
 
 
 def candidates(problem: Problem, included: Effects, seen: Evaluation, *, freely: bool = False) -> Effects:
@@ -56,31 +49,27 @@ def _possible(problem: Problem, freely: bool) -> Iterator[Effect]:
             continue
         if (effect.runs_freely and not freely) or (effect.delayed is not None and not np.any(record.drive)):
             continue
-        if any(s.source is Source.TEMPERATURE for s in effect.signals) and "temperature" not in record.channels:
+        if not has_signals(effect.signals, record):
             continue
         yield effect
 
 
-def _starts(problem: Problem, seen: Evaluation) -> dict[Search, Starts]:
+def _starts(problem: Problem, seen: Evaluation) -> dict[Search, Values]:
     """Where the record suggests frequencies, corners and thresholds, SI."""
     record, device = problem.record, problem.device
     omega0 = float(np.sqrt(device.target))
     with np.errstate(invalid="ignore"):
         whitened = seen.innovation / seen.deviation
     return {
-        Search.CORNERS: _labelled(CORNERS, omega0),
-        Search.SPEEDS: _labelled(SPEEDS, device.amplitude * omega0),
-        Search.LINES: list(_of_lines(record, device, whitened)),
-        Search.MODES: list(_of_modes(record, device, whitened)),
-        **{search: list(values) for search, values in _of_thresholds(record, device).items()},
+        Search.CORNERS: labelled(CORNERS, omega0),
+        Search.SPEEDS: labelled(SPEEDS, device.amplitude * omega0),
+        Search.LINES: of_lines(record, device, whitened),
+        Search.MODES: of_modes(record, device, whitened),
+        **of_thresholds(record, device),
     }
 
 
-def _labelled(shares: tuple[float, ...], of: float) -> Starts:
-    return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
-
-
-def _given(problem: Problem, effect: Effect, starts: dict[Search, Starts]) -> Iterator[tuple[str, dict[str, float]]]:
+def _given(problem: Problem, effect: Effect, starts: dict[Search, Values]) -> Iterator[tuple[str, dict[str, float]]]:
     """The effect's parameters at each of its starts, with a label."""
     names = [parameter.name for parameter in effect.parameters]
     if not names:
@@ -89,8 +78,7 @@ def _given(problem: Problem, effect: Effect, starts: dict[Search, Starts]) -> It
         for label, values in starts.get(effect.search, []):
             yield label, dict(zip(names, values * len(names) if len(values) == 1 else values, strict=True))
     else:
-        device = problem.device
-        scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
+        scaling = Scaling.of(problem.device)
         for number, values in enumerate(product(*(_tried(p) for p in effect.parameters)), start=1):
             pairs = zip(effect.parameters, values, strict=True)
             yield str(number), {p.name: value * scaling.coefficient(p) for p, value in pairs}

@@ -11,10 +11,11 @@ from scipy.stats import chi2
 
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import Evaluation, Likelihood
+from estimator.identification.search import FORBIDDEN
 from estimator.scaling import Array
 
 AT_FLOOR = 1.1
-"""Innovation over the noise floor, rms, that a complete model may leave: what the word promises."""
+"""Innovation over the noise floor, rms, that a complete model may leave: what the word says."""
 RARE = 1e-4
 """How often a check fails where all is well."""
 PRIOR = 4.5
@@ -25,7 +26,7 @@ DISTURBANCE = 0.02
 
 @dataclass(frozen=True)
 class Check:
-    """One check: its name, whether it was passed, what it saw; effect: whom it concerns, "" for the model."""
+    """One check: its name, whether it was passed, what it saw; effect: the one that it concerns, "" for the model."""
 
     name: str
     passed: bool
@@ -81,7 +82,7 @@ def sign(seen: Evidence) -> list[Check]:
             below = -seen.model.model.theta[k] / deviation[k]
             checks.append(
                 Check(
-                    "sign", bool(below < 3.0),
+                    "sign", bool(below < FORBIDDEN),
                     f"{coefficient.name} is {below:.3g} deviations below zero, which no such effect is" if below > 0.0
                     else f"{coefficient.name} is positive, as it must be", name,
                 )
@@ -113,17 +114,16 @@ def constancy(seen: Evidence) -> list[Check]:
     """An effect's coefficients are the same in all parts of the record: their scores scatter by no more than noise."""
     evaluation, layout = seen.model.evaluation, seen.model.layout
     checks = []
-    information = evaluation.information.sum(axis=0) / evaluation.scale + np.diag(layout.deviation**-2.0)
+    information, score = seen.model.posterior_information, evaluation.score / evaluation.scale
     for name in seen.without:
         rows = layout.of(name)
         others = [k for k in range(len(layout.names)) if k not in rows]
         taken = np.linalg.solve(information[np.ix_(others, others)], information[np.ix_(others, rows)])
-        left = evaluation.score[:, rows] / evaluation.scale - evaluation.score[:, others] / evaluation.scale @ taken
+        left = score[:, rows] - score[:, others] @ taken
         own = information[np.ix_(rows, rows)] - information[np.ix_(rows, others)] @ taken
-        power = float(np.einsum("bi,ij,bj->", left, np.linalg.pinv(own), left)) * len(left)
         # Of each part, the score's power over its information: information is about even over the parts.
+        ratio = float(np.einsum("bi,ij,bj->", left, np.linalg.pinv(own), left)) / len(rows)
         freedom = len(rows) * (len(left) - 1)
-        ratio = power / len(left) / len(rows)
         limit = float(chi2.isf(RARE, freedom)) / freedom
         checks.append(
             Check("constancy", ratio < 2.0 * limit, f"the scores of {name} scatter by {ratio:.3g} × noise", name)

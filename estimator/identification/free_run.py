@@ -7,7 +7,6 @@ record then counts for as many samples as its error has independent ones.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from estimator.errors import ModelError
 from estimator.identification.candidates import candidates
 from estimator.identification.checks import AT_FLOOR
 from estimator.identification.filtered import ROUGH, Filtered
-from estimator.identification.likelihood import BLOCKS, SHIFT, Evaluation, Layout, Model, Noise, observer_of
+from estimator.identification.likelihood import Evaluation, Layout, Model, Noise, Sums, blocks_of, observer_of
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.residual.effective import effective_samples
@@ -98,9 +97,8 @@ class FreeRun(Filtered):
     def first(self) -> int:
         """Samples over which the declared stiffness keeps count of the cycles."""
         settings, device = self.problem.settings, self.problem.device
-        unsure = (
-            0.5 * settings.spread.stiffness * float(np.sqrt(device.target)) * float(np.mean(self.problem.record.step))
-        )
+        step = float(np.mean(self.problem.record.step))
+        unsure = 0.5 * settings.spread.stiffness * float(np.sqrt(device.target)) * step
         return max(FEWEST, int(HALF_TURN / unsure)) if unsure > 0.0 else super().first
 
     @property
@@ -201,35 +199,26 @@ class FreeRun(Filtered):
             rows = np.column_stack([rows[:, :-2], way.over_all()[:, own:-2], rows[:, -2:]])
             names = (*names, *way.names[len(layout.names) if derivatives else 0 :])
         if derivatives and layout.searched:
-            first, last = len(layout.index), len(layout.index) + len(layout.searched)
-            shifted = []
-            for k in range(first, last):
-                theta, step = model.theta.copy(), SHIFT * float(abs(model.theta[k]))
-                theta[k] += step
-                other = _Run(self, layout, replace(model, theta=theta), derivatives=False, watched={}).over_all()
-                shifted.append((other[:, 0] - rows[:, -2]) / step)
+            shifted = [
+                (_Run(self, layout, moved, derivatives=False, watched={}).over_all()[:, 0] - rows[:, -2]) / step
+                for moved, step in layout.shifted(model)
+            ]
+            first = len(layout.index)
             rows = np.column_stack([rows[:, :first], *shifted, rows[:, first:]])
         return self._summed(run, names, rows, model.noise.independent)
 
     def _summed(self, run: "_Run", names: tuple[str, ...], rows: Array, share: float) -> Evaluation:
         """The pass from its whitened rows, those of samples that do not count being NaN."""
-        k, axes = len(names), self.axes
-        score, information = np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k))
-        power, logs, count = np.zeros(BLOCKS), np.zeros(BLOCKS), np.zeros(BLOCKS)
-        edges = np.linspace(0, self.samples, BLOCKS + 1).astype(int) * axes
-        for block, (begin, end) in enumerate(pairwise(edges.tolist())):
-            part = rows[begin:end]
-            counted = part[~np.isnan(part[:, -1])]
-            with np.errstate(over="ignore", invalid="ignore"):
-                both = counted[:, :-1].T @ counted[:, :-1]
-            information[block], score[block], power[block] = both[:k, :k], -both[:k, k], both[k, k]
-            logs[block], count[block] = counted[:, -1].sum(), len(counted)
-        # Of a coloured error, n samples say as much as fewer that are independent.
+        axes, sums = self.axes, Sums.of(len(names))
+        for block, (begin, end) in enumerate(blocks_of(self.samples)):
+            part = rows[axes * begin : axes * end]
+            sums.add(block, part[~np.isnan(part[:, -1])])
         with np.errstate(over="ignore", invalid="ignore"):
             innovation = (rows[:, -2] * np.exp(rows[:, -1])).reshape(-1, axes)
         volts = run.observer.volts
+        sums = sums.times(share)  # of a coloured error, n samples say as much as fewer that are independent
         return Evaluation(
-            names, share * score, share * information, share * power, share * logs, share * count,
+            names, sums.score, sums.information, sums.power, sums.logs, sums.count,
             innovation * volts, np.exp(rows[:, -1]).reshape(-1, axes) * np.abs(volts),
         )  # fmt: skip
 
@@ -246,18 +235,18 @@ class _Run:
         self.of, self.layout, self.model, self.watched = of, layout, model, watched
         self.record = of.problem.record
         self.effects = layout.effects_of(model)
-        self.observer = self._observer({**self.effects, **watched}, len(watched))
+        self.observer = self._observer(watched)
         self.known = layout.index if derivatives else layout.index[:0]
         self.moved = len(layout.kept) if derivatives else 0
         lacking = self.observer.effects[self.observer.carried :]
-        own = (*layout.names,) if derivatives else ()
-        self.names = (*own, *(effect.name for _, effect in lacking for _ in effect.coefficients))
+        self.names = (
+            *(layout.names if derivatives else ()),
+            *(effect.name for _, effect in lacking for _ in effect.coefficients),
+        )
         self.slips = any(effect.slips for _, effect in self.observer.effects)
 
-    def _observer(self, effects: Effects, watched: int) -> Observer:
-        carried = dict(list(effects.items())[: len(effects) - watched])
-        extra = dict(list(effects.items())[len(effects) - watched :])
-        observer = observer_of(self.of.problem, carried, self.model.noise, extra)
+    def _observer(self, watched: Effects) -> Observer:
+        observer = observer_of(self.of.problem, self.effects, self.model.noise, watched)
         observer.x[observer.states + self.layout.index] = self.model.theta[: len(self.layout.index)]
         observer.x[observer.estimated_index] = self.layout.fixed
         observer.x[observer.estimated_index[self.layout.kept]] = self.model.theta[self.layout.start]
@@ -319,7 +308,7 @@ class _Run:
         """Rows of one stretch from `start`; moved: how many columns of the layout's start, −1 for those of the motion
         alone.
         """
-        observer = self._observer({**self.effects, **watched}, len(watched))
+        observer = self._observer(watched)
         observer.x[observer.estimated_index] = start
         columns = (
             np.eye(len(start))[:, : observer.states] if moved < 0 else np.eye(len(start))[:, self.layout.kept[:moved]]
@@ -350,7 +339,7 @@ class _Run:
         """The same by the run that carries what depends on the way, and its sensitivities."""
         c, m, axes = len(known), columns.shape[1], self.of.axes
         w = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
-        whole = Observer(observer.device, replace(observer.settings), known=True)
+        whole = Observer(observer.device, observer.settings, known=True)
         state = np.array(observer.x * observer.factors)
         drive = np.concatenate([0.0 * record.drive[:1], record.drive])
         step = np.concatenate([record.step[:1], record.step])

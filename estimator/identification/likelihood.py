@@ -1,7 +1,7 @@
 """One pass of the filter over a record: innovations, their likelihood, and its derivatives by any parameters."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
 from typing import Protocol
@@ -96,6 +96,42 @@ class Evaluation:
         return float(-0.5 * n * (np.log(2.0 * np.pi * self.scale) + 1.0) - self.logs.sum())
 
 
+def blocks_of(samples: int) -> Iterable[tuple[int, int]]:
+    """First and end of each part of so many samples."""
+    return pairwise(np.linspace(0, samples, BLOCKS + 1).astype(int).tolist())
+
+
+@dataclass(frozen=True)
+class Sums:
+    """What `Evaluation` has of whitened rows, by part of the record."""
+
+    score: Array
+    information: Array
+    power: Array
+    logs: Array
+    count: Array
+
+    @classmethod
+    def of(cls, parameters: int) -> "Sums":
+        """Of nothing yet, for so many parameters."""
+        k = parameters
+        return cls(
+            np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k)), np.zeros(BLOCKS), np.zeros(BLOCKS), np.zeros(BLOCKS)
+        )
+
+    def add(self, block: int, rows: Array) -> None:
+        """Rows (m, k + 2) of a part: derivatives, the innovation, the logarithm of its deviation."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            both = rows[:, :-1].T @ rows[:, :-1]
+        # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
+        self.information[block], self.score[block], self.power[block] = both[:-1, :-1], -both[:-1, -1], both[-1, -1]
+        self.logs[block], self.count[block] = rows[:, -1].sum(), len(rows)
+
+    def times(self, share: float) -> "Sums":
+        """Those of so large a share of the rows."""
+        return Sums(*(share * getattr(self, each.name) for each in fields(self)))
+
+
 class Layout:
     """The parameters of a model on a problem: where each stands among the constants, its prior, its unit.
 
@@ -122,7 +158,7 @@ class Layout:
             *("" if i < base else coefficients[i - base][0] for i in free), *(name for name, _ in self.searched)
         )  # fmt: skip
         self.names = (
-            *(observer.names[observer.states + i] for i in free), *(f"{p.name}" for _, p in self.searched)
+            *(observer.names[observer.states + i] for i in free), *(p.name for _, p in self.searched)
         )  # fmt: skip
         units = [observer.scaling.coefficient(p) for _, p in self.searched]
         values = [effects[name][p.name] / unit for (name, p), unit in zip(self.searched, units, strict=True)]
@@ -144,6 +180,15 @@ class Layout:
             effects[name][p.name] = float(model.theta[k] * self.factor[k])
         return effects
 
+    def shifted(self, model: "Model") -> list[tuple["Model", float]]:
+        """Models with one of the searched parameters shifted, in their order, and by how much each was."""
+        moved = []
+        for k in range(len(self.index), len(self.index) + len(self.searched)):
+            theta, step = model.theta.copy(), SHIFT * float(abs(model.theta[k]))
+            theta[k] += step
+            moved.append((replace(model, theta=theta), step))
+        return moved
+
 
 def is_searched(parameter: Parameter, given: Mapping[str, float]) -> bool:
     """Whether a parameter is a number like any other: given for a start, and no choice of a few."""
@@ -157,7 +202,7 @@ def _spreads(observer: Observer, settings: ObserverSettings) -> Array:
 
 
 def observer_of(problem: Problem, effects: Effects, noise: Noise | None, watched: Effects | None = None) -> Observer:
-    """The filter of a model: motion, sense offsets, rate, and constants that are declared to wander."""
+    """The filter of a model: of the motion, the sense offsets and the rate."""
     settings = replace(problem.settings, variant=Variant.SENSE, gain=Gain.EKF, effects={**effects, **(watched or {})})
     device = problem.device
     if noise is not None:
@@ -258,28 +303,20 @@ def evaluate(
     Raises ModelError as `Observer` does.
     """
     one = _Pass(problem, beginning, layout, model, layout.index if derivatives else layout.index[:0], watched or {})
-    others: list[tuple[_Pass, float]] = []
-    for k in range(len(layout.index), len(layout.names)) if derivatives else ():
-        theta, step = model.theta.copy(), SHIFT * float(abs(model.theta[k]))
-        theta[k] += step
-        others.append((_Pass(problem, beginning, layout, replace(model, theta=theta), layout.index[:0], {}), step))
-    names = [*(layout.names if derivatives else ()), *one.watched]
-    k, c = len(names), len(one.known)
-    score, information = np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k))
-    power, logs, count = np.zeros(BLOCKS), np.zeros(BLOCKS), np.zeros(BLOCKS)
-    edges = np.linspace(0, len(problem.record), BLOCKS + 1).astype(int)
-    for block, (begin, end) in enumerate(pairwise(edges.tolist())):
+    others = [
+        (_Pass(problem, beginning, layout, moved, layout.index[:0], {}), step)
+        for moved, step in (layout.shifted(model) if derivatives else ())
+    ]
+    names = (*(layout.names if derivatives else ()), *one.watched)
+    c, sums = len(one.known), Sums.of(len(names))
+    for block, (begin, end) in enumerate(blocks_of(len(problem.record))):
         stop_if_abandoned()
         own = one.advance(begin, end)
         shifted = [(other.advance(begin, end)[:, 0] - own[:, -2]) / step for other, step in others]
-        columns = np.column_stack([own[:, :c], *shifted, own[:, c:-1]]) if shifted else own[:, :-1]
-        both = columns.T @ columns
-        # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
-        information[block], score[block], power[block] = both[:k, :k], -both[:k, k], both[k, k]
-        logs[block], count[block] = own[:, -1].sum(), len(own)
+        sums.add(block, np.column_stack([own[:, :c], *shifted, own[:, c:]]) if shifted else own)
     variance = one.rows["s"][:, : problem.device.axes]
     return Evaluation(
-        tuple(names), score, information, power, logs, count,
+        names, sums.score, sums.information, sums.power, sums.logs, sums.count,
         np.where(one.seen, one.rows["nu"][:, : problem.device.axes] * one.observer.volts, np.nan),
         np.sqrt(np.where(variance > 0.0, variance, np.nan)) * np.abs(one.observer.volts),
     )  # fmt: skip

@@ -6,18 +6,18 @@ import numpy as np
 
 from estimator.diagnosis import Classes, Confusable, Diagnosis, Found, Interval, Rejected, Verdict
 from estimator.identification.ambiguity import Member
-from estimator.identification.candidates import kind
 from estimator.identification.checks import Check, Evidence, covariance
 from estimator.identification.fit import FittedModel
 from estimator.identification.search import Search
 from estimator.scaling import Scaling
 from estimator.trace.angle import AngleReader
 from estimator.trace.axes import equations_on
+from estimator.trace.candidates import kind
+from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.examination import Examination
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.symmetries import Constants, equivalents
 
-TWO_SIDED = 1.96
 AXES = ("xx", "yy", "xy")
 READ = 100_000
 """Samples over which the angle is read with and without an effect."""
@@ -87,9 +87,8 @@ def _found(name: str, evidence: Evidence, carried: Effects, reader: AngleReader)
     for k in places:
         value = float(model.model.theta[k] * layout.factor[k])
         half = TWO_SIDED * float(np.sqrt(spread[k, k]) * abs(layout.factor[k]))
-        intervals[layout.names[k].partition(":")[0]] = Interval(
-            value, value - half, value + half, units[layout.names[k]]
-        )
+        name_of_it = layout.names[k]
+        intervals[kind(name_of_it)] = Interval(value, value - half, value + half, units[name_of_it])
     own = places[: len(effect.coefficients)]
     in_si = spread[np.ix_(own, own)] * np.outer(layout.factor[own], layout.factor[own])
     return Found(
@@ -157,7 +156,7 @@ def _classes(effect: str | None, gains: Mapping[str, float]) -> Classes:
 
 def _rejected(problem: Problem, found: Search, evidence: Evidence) -> tuple[Rejected, ...]:
     """Every other kind once: what it would gain beside the model, and a 95 % bound on its coefficients."""
-    scaling = Scaling(float(np.sqrt(problem.device.target)), problem.device.amplitude, problem.device.sense_gain)
+    scaling = Scaling.of(problem.device)
     last = found.rounds[-1]
     alone = {score.name: score.gain for score in found.rounds[0].table}
     fitted = {name: 2.0 * (one.objective - last.base.objective) for name, one in last.fitted}

@@ -8,12 +8,12 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimator.identification.candidates import kind
 from estimator.identification.fit import FittedModel, advanced, at, climb, finished, fit, settle
 from estimator.identification.likelihood import Layout, Likelihood, Model
 from estimator.identification.score_test import Score, score_test
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
+from estimator.trace.candidates import kind
 from estimator.trace.problem import Effects
 
 SHORTLIST = 6
@@ -166,8 +166,7 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     """The model with one more effect, from the size that the score test tells."""
     effects = {**fitted.layout.effects_of(fitted.model), score.name: score.given}
     layout = of.layout(effects)
-    theta = layout.mean.copy()
-    _carry_over(fitted, layout, theta)
+    theta = _carried_over(fitted, layout)
     for k, size in zip(layout.of(score.name), score.size, strict=False):
         theta[k] = max(layout.mean[k] + size, layout.least[k])
     model = Model(effects, theta, fitted.model.noise)
@@ -179,20 +178,18 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     return advanced(of, at(of, layout, of.quieten(layout, begun.model)))
 
 
-def _carry_over(fitted: FittedModel, layout: Layout, theta: Array) -> None:
-    """Into theta, the values of a fitted model's parameters."""
+def _carried_over(fitted: FittedModel, layout: Layout) -> Array:
+    """The parameters (k,) of a layout as a fitted model has them, those that it lacks as they are declared."""
     known = {(o, n): v for o, n, v in zip(fitted.layout.owner, fitted.layout.names, fitted.model.theta, strict=True)}
-    for k, key in enumerate(zip(layout.owner, layout.names, strict=True)):
-        theta[k] = known.get(key, theta[k])
+    keys = zip(layout.owner, layout.names, layout.mean, strict=True)
+    return np.array([known.get((owner, name), mean) for owner, name, mean in keys])
 
 
 def without_effect(of: Likelihood, fitted: FittedModel, name: str) -> FittedModel:
     """The model with one effect less, fitted anew."""
     effects = {other: given for other, given in fitted.layout.effects_of(fitted.model).items() if other != name}
     layout = of.layout(effects)
-    theta = layout.mean.copy()
-    _carry_over(fitted, layout, theta)
-    return settle(of, at(of, layout, Model(effects, theta, fitted.model.noise)))
+    return settle(of, at(of, layout, Model(effects, _carried_over(fitted, layout), fitted.model.noise)))
 
 
 def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:

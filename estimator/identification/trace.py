@@ -121,12 +121,13 @@ def evidence_of(fitted: Likelihood, later: Likelihood, model: FittedModel, after
         return later.evaluate(one.layout, one.model, derivatives=False)
 
     held_out = over_later(model)
-    quiet, disturbed = fitted.disturbed(model.layout, model.model)
+    quiet, disturbed = (
+        model.evaluation if one is model.model else fitted.evaluate(model.layout, one, derivatives=False)
+        for one in fitted.disturbed(model.layout, model.model)
+    )
     return Evidence(
         fitted, model, without, held_out, {name: over_later(one) for name, one in without.items()},
-        later.above_floor(held_out, after),
-        fitted.evaluate(model.layout, quiet, derivatives=False),
-        fitted.evaluate(model.layout, disturbed, derivatives=False),
+        later.above_floor(held_out, after), quiet, disturbed,
     )  # fmt: skip
 
 

@@ -61,7 +61,7 @@ def watch_list(
     """
     watched: dict[str, Parameters] = {}
     for effect in (*EFFECTS, *device.own):
-        if effect.declared_only or effect.on(device.axes) is None or not _has_signals(effect.signals, record):
+        if effect.declared_only or effect.on(device.axes) is None or not has_signals(effect.signals, record):
             continue
         if effect.runs_freely:
             continue  # an observer is corrected on its way, and a record begins once
@@ -75,18 +75,19 @@ def watch_list(
             watched[effect.name] = {}
     omega0, whitened = float(np.sqrt(device.target)), innovation / deviation
     values: dict[Search, Values] = {
-        Search.CORNERS: _labelled(_SET.corners, omega0),
-        Search.SPEEDS: _labelled(_SET.rest, device.amplitude * omega0),
-        Search.LINES: _of_lines(record, device, whitened),
-        **_of_thresholds(record, device),
-        Search.MODES: _of_modes(record, device, whitened),
+        Search.CORNERS: labelled(_SET.corners, omega0),
+        Search.SPEEDS: labelled(_SET.rest, device.amplitude * omega0),
+        Search.LINES: of_lines(record, device, whitened),
+        **of_thresholds(record, device),
+        Search.MODES: of_modes(record, device, whitened),
     }
     for search, found in values.items():
         watched |= _watched_by(search, found, device, asked)
     return watched | _of_tried(device, record, watched, asked)
 
 
-def _labelled(shares: Sequence[float], of: float) -> Values:
+def labelled(shares: Sequence[float], of: float) -> Values:
+    """These shares of a quantity, numbered from 1."""
     return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
 
 
@@ -119,11 +120,11 @@ def _of_tried(
 
     Raises ModelError where there is not even room for that.
     """
-    scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
+    scaling = Scaling.of(device)
     possible = [
         (effect, list(product(*_starts(effect))))
         for effect in (*device.own, *_asked_at_values(asked))
-        if effect.parameters and effect.on(device.axes) is not None and _has_signals(effect.signals, record)
+        if effect.parameters and effect.on(device.axes) is not None and has_signals(effect.signals, record)
         if senses_allow(effect, device)
     ]
     signals = sum(len(effect_for(name, device.axes, device.own)[1].signals) for name in others)
@@ -156,34 +157,37 @@ def _starts(effect: Effect) -> list[tuple[float, ...]]:
     return [p.tried or ((p.default,) if p.default is not None else ()) for p in effect.parameters]
 
 
-def _has_signals(signals: tuple[object, ...], record: Record) -> bool:
+def has_signals(signals: tuple[object, ...], record: Record) -> bool:
+    """Whether a record has what an effect depends on beside state and drive."""
     return "temperature" in record.channels or all(
         getattr(signal, "source", None) is not Source.TEMPERATURE for signal in signals
     )
 
 
-def _of_lines(record: Record, device: Device, whitened: Array) -> Values:
+def of_lines(record: Record, device: Device, whitened: Array) -> Values:
+    """Frequencies of the strongest lines of whitened innovations (n, axes), rad/s."""
     sample_rate = 1.0 / float(np.mean(record.step))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
     found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _SET.line_chance)
     span = float(np.sum(record.step))
     steady = [line for line in found if line.frequency * span > _SET.periods]
     strongest = sorted(steady, key=lambda line: -line.rms)[: _SET.lines]
-    return _labelled([2.0 * np.pi * line.frequency for line in strongest], 1.0)
+    return labelled([2.0 * np.pi * line.frequency for line in strongest], 1.0)
 
 
-def _of_thresholds(record: Record, device: Device) -> dict[Search, Values]:
+def of_thresholds(record: Record, device: Device) -> dict[Search, Values]:
+    """Limits and bands by how far the drive reaches, levels by how far the sensed displacement does."""
     values: dict[Search, Values] = {}
     drive = np.abs(record.drive[:, :, 0]) * device.drive_gain
     if np.any(drive):
         largest, usual = float(np.max(drive)), float(np.sqrt(np.mean(drive**2)))
-        values[Search.LIMITS] = _labelled(_SET.saturation, largest)
-        values[Search.BANDS] = _labelled(_SET.dead_band, usual)
+        values[Search.LIMITS] = labelled(_SET.saturation, largest)
+        values[Search.BANDS] = labelled(_SET.dead_band, usual)
     reach = np.nanmax(np.abs(record.sense / np.abs(device.sense_gain)))
-    return values | {Search.LEVELS: _labelled(_SET.clipping, float(reach))}
+    return values | {Search.LEVELS: labelled(_SET.clipping, float(reach))}
 
 
-def _of_modes(record: Record, device: Device, whitened: Array) -> Values:
+def of_modes(record: Record, device: Device, whitened: Array) -> Values:
     """Frequencies at which the residual follows the drive more than around them, with the damping seen there; and the
     one at which most of it does, since a mode that rings for longer than a segment follows the drive of those before.
 

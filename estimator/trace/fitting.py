@@ -163,7 +163,7 @@ def _other_starts(problem: Problem) -> list[dict[str, dict[str, float]]]:
     starts = []
     for name, given in problem.effects.items():
         _, effect = effect_for(name, device.axes, device.own)
-        scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain)
+        scaling = Scaling.of(device)
         tried = {
             c.name.partition(":")[0]: [value * scaling.coefficient(c) for value in c.tried]
             for c in effect.coefficients

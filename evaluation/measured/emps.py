@@ -72,7 +72,7 @@ def forces(first: Capture, second: Capture) -> tuple[ForceTrace, Array, Array]:
     after.
     """
     device, _ = declared("emps")
-    scaling = Scaling(float(np.sqrt(device.target)), device.amplitude, device.sense_gain, device.drive_gain)
+    scaling = Scaling.of(device)
     edge = int(_CHOICE * len(first))
     chosen = trace_forces(motion_in(first.part(0, edge)), motion_in(first.part(edge, len(first))), scaling)
     before, after = (fit_forces(motion_in(first), effects, scaling) for effects in ((), chosen.after.effects))

@@ -208,6 +208,11 @@ class Law:
     given: Mapping[str, float] = field(default_factory=dict)
     share: float = 2e-4
 
+    def included(self, name: str) -> tuple[Effects, Case]:
+        """The effect with a twentieth of its coefficients, and a record that has it."""
+        effects = {name: {**{key: 0.05 * value for key, value in self.coefficients.items()}, **self.given}}
+        return effects, self.case(effects)
+
     def case(self, effects: Effects) -> Case:
         return Case(effects=effects, force=self.force, sense=self.sense, substeps=0 if self.force is nothing else 16)
 
@@ -265,16 +270,14 @@ LAWS = {
 @pytest.mark.parametrize("name", LAWS)
 def test_scores_of_an_included_effect_are_those_of_a_plain_filter(name: str) -> None:
     law = LAWS[name]
-    coefficients = {key: 0.05 * value for key, value in law.coefficients.items()}
-    effects = {name: {**coefficients, **law.given}}
-    case = law.case(effects)
+    effects, case = law.included(name)
     of, plain, series = case.made()
     layout = of.layout(effects)
     places = layout.of(name)
     assert [layout.names[k] for k in places] == [*law.coefficients, *law.given]
     seen = of.evaluate(layout, model_of(of, effects))
     moved = {layout.names[k]: 1e-5 * float(layout.factor[k]) for k in places[: len(law.coefficients)]}
-    about = {**BASE, **coefficients, **law.given}
+    about = {**BASE, **effects[name]}
     white, slopes, logs, e = expected(case, plain, series, about, moved)
     same(seen, white, logs, e)
     rows = places[: len(moved)]
@@ -306,15 +309,13 @@ def test_scores_of_a_watched_effect_are_those_of_a_plain_filter_without_it(name:
 def test_scores_of_a_searched_parameter_are_the_whole_innovations_differences(name: str, searched: str) -> None:
     """Its gain moves along: two runs of the plain filter, each with its own."""
     law = LAWS[name]
-    coefficients = {key: 0.05 * value for key, value in law.coefficients.items()}
-    effects = {name: {**coefficients, **law.given}}
-    case = law.case(effects)
+    effects, case = law.included(name)
     of, plain, series = case.made()
     layout = of.layout(effects)
     place = layout.names.index(searched)
     assert layout.mean[place] * layout.factor[place] == pytest.approx(law.given[searched])
     seen = of.evaluate(layout, model_of(of, effects))
-    about, size = {**BASE, **coefficients, **law.given}, 1e-4 * law.given[searched]
+    about, size = {**BASE, **effects[name]}, 1e-4 * law.given[searched]
     white, _, _, _ = expected(case, plain, series, about, {"kxx": 1.0})
     sides = [{**about, searched: law.given[searched] + step} for step in (size, -size)]
     ends = [expected(case, plain, series, side, {"kxx": 1.0})[0] for side in sides]
