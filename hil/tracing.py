@@ -102,9 +102,9 @@ def trace(
     Effects are chosen on the first `fraction` of the record and scored on the rest.  Without one, a record with a
     segment `train` and another that follows it is split as it says itself.  force: whether the missing force is
     estimated without a name; None: where something is left and a page is drawn.  also: effects to try that a trace
-    tries on request only, names or several with commas between them.  search: another tracer, for a comparison.  Raises
-    InputError for a record that cannot be
-    traced, or that does not belong to the bench file, and for effects that are none; nothing is left then.
+    tries on request only, names or several with commas between them.  search: another tracer, for a comparison.
+    Raises InputError for a record that cannot be traced, or that does not belong to the bench file, and for effects
+    that are none; nothing is left then.
     """
     if bench.device.sense.is_envelope:
         if also:

@@ -28,8 +28,8 @@ def add_effect(device: Device, name: str, law: Law, rng: np.random.Generator, la
     present: dict[str, float] = {}
     for effect in device.effects:
         present |= effect["values"]
-    calm = device.run(present)
-    drive, peak = calm.drive[BURN_IN:], float(np.abs(calm.volts / device.values["gain_x"]).max())
+    before = device.run(present)
+    drive, peak = before.drive[BURN_IN:], float(np.abs(before.volts / device.values["gain_x"]).max())
     scales = Scales(
         w=2 * math.pi * device.frequency_Hz,
         amplitude=device.values["amp"],
@@ -76,11 +76,11 @@ def plan(seed: int) -> list[tuple[str, list[str]]]:
     names = np.array(list(CATALOGUE))
     weights = np.array([CATALOGUE[name].weight for name in names])
     drawn = [str(name) for name in rng.choice(names, len(names), replace=False, p=weights / weights.sum())]
-    calm, strange = [str(s) for s in rng.permutation(SINGLE_TONE)], [str(s) for s in rng.permutation(list(OUTSIDE))]
-    records: list[tuple[str, list[str]]] = [("clean", []), ("clean", []), ("clean", []), ("clean calm", [])]
-    records.append(("clean calm", []))
+    steady, strange = ([str(s) for s in rng.permutation(list(of))] for of in (SINGLE_TONE, OUTSIDE))
+    records: list[tuple[str, list[str]]] = [("clean", []), ("clean", []), ("clean", []), ("clean single-tone", [])]
+    records.append(("clean single-tone", []))
     records += [("one", [drawn[i], *drawn[14:]]) for i in range(14)]
-    records += [("single-tone", [calm[i], *calm[5:]]) for i in range(5)]
+    records += [("single-tone", [steady[i], *steady[5:]]) for i in range(5)]
     records += [("outside", [strange[i], *strange[6:]]) for i in range(6)]
     for _ in range(10):
         pair = [str(s) for s in rng.choice(names, len(names), replace=False, p=weights / weights.sum())]
@@ -92,7 +92,7 @@ def make_device(seed: int, number: int) -> tuple[str, Device]:
     """Kind and device, with its effects, of a record."""
     kind, names = plan(seed)[number - 1]
     rng = np.random.default_rng([seed, 2, number])
-    excited = kind not in ("single-tone", "clean calm")
+    excited = kind not in ("single-tone", "clean single-tone")
     wanted = {"one": 1, "single-tone": 1, "outside": 1, "two": 2}.get(kind, 0)
     device = draw_device(rng, excited=excited)
     for name in names:
@@ -104,7 +104,7 @@ def make_device(seed: int, number: int) -> tuple[str, Device]:
             device.effects[-1]["family"] = law.family
     if len(device.effects) < wanted:
         raise RuntimeError(f"record {number:02d} of seed {seed}: no effect of its list can be seen")
-    return kind.removesuffix(" calm"), device
+    return kind.removesuffix(" single-tone"), device
 
 
 def write_record(seed: int, number: int, out: Path) -> dict[str, Any]:

@@ -296,7 +296,7 @@ def _conclude(
 
 
 def _load_beside(modules: Iterable[str]) -> None:
-    """Load what is needed at the end while this process waits, or the core works; whoever imports it waits for it."""
+    """Load what is needed at the end while this process waits, or the core works; an import of it waits for that."""
 
     def load() -> None:
         with suppress(Exception):  # it is raised where the module is needed

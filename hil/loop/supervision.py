@@ -63,7 +63,7 @@ class Ended:
 def worker_process(control: socket.socket | None = None) -> Iterator["subprocess.Popen[bytes]"]:
     """The loop's process, which gets ready for its order: that takes as long as the board behind the link does.
 
-    `control`, which is closed here, is the loop's end of a line to whoever looks (`hil.loop.control`).  At the end of
+    `control`, which is closed here, is the loop's end of a line to a viewer (`hil.loop.control`).  At the end of
     the block one without an order is no more.
     """
     pipe = subprocess.PIPE

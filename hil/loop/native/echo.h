@@ -3,7 +3,6 @@
 #ifndef TURN_ECHO_H
 #define TURN_ECHO_H
 
-
 #include "structs.h"
 
 /* The board was armed again: nothing is due until it runs. */
