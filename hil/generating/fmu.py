@@ -71,7 +71,7 @@ def _description(observer: Observer, title: str, version: str, token: str) -> by
     Xml.SubElement(root, "DefaultExperiment", startTime="0.0", stepSize=step)
     variables = Xml.SubElement(root, "ModelVariables")
     structure = Xml.SubElement(root, "ModelStructure")
-    outputs, initial = [], []
+    outputs = []
 
     def add(kind: str, name: str, causality: str, unit: str = "", text: str = "") -> None:
         reference = str(len(variables))
@@ -84,7 +84,6 @@ def _description(observer: Observer, title: str, version: str, token: str) -> by
         Xml.SubElement(variables, kind, told, description=text or name)
         if causality == "output":
             outputs.append(reference)
-            initial.append(reference)
 
     add("Float64", "time", "independent", "s")
     for axis in "xy":
@@ -102,10 +101,9 @@ def _description(observer: Observer, title: str, version: str, token: str) -> by
     for prefix, said in (("", "estimated"), ("sd_", "standard deviation; below 0: declared, not estimated")):
         for name, unit in named:
             add("Float64", f"{prefix}{name}", "output", unit, said)
-    for reference in outputs:
-        Xml.SubElement(structure, "Output", valueReference=reference)
-    for reference in initial:
-        Xml.SubElement(structure, "InitialUnknown", valueReference=reference)
+    for kind in ("Output", "InitialUnknown"):
+        for reference in outputs:
+            Xml.SubElement(structure, kind, valueReference=reference)
     return _text(root)
 
 
