@@ -8,8 +8,18 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.identification.candidates import candidates
-from estimator.identification.likelihood import AT_THE_START, Beginning, Evaluation, Layout, Model, Noise, evaluate
+from estimator.identification.likelihood import (
+    AT_THE_START,
+    Beginning,
+    Evaluation,
+    Layout,
+    Model,
+    Noise,
+    ObserverLayout,
+    evaluate,
+)
 from estimator.identification.noise import level
+from estimator.scaling import Array
 from estimator.trace.examination import Examination, examine
 from estimator.trace.problem import Effects, Problem
 
@@ -73,18 +83,30 @@ class Filtered:
         seconds = self.beginning.seconds + float(np.sum(record.step[: rows.start or 0]))
         return Filtered(self.problem.part(rows), Beginning(seconds, first))
 
-    def layout(self, effects: Effects) -> Layout:
+    def layout(self, effects: Effects) -> ObserverLayout:
         """The parameters of the model with these effects."""
-        return Layout(self.problem, effects)
+        return ObserverLayout(self.problem, effects)
 
     def effect(self, name: str) -> Effect:
         """Declaration of an effect of the catalogue, or of one beside it."""
         return effect_for(name, self.axes, self.problem.device.own)[1]
 
+    def plausible(self, name: str) -> Array:
+        """As the effect's declaration has it."""
+        return np.array([coefficient.plausible for coefficient in self.effect(name).coefficients])
+
+    def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
+        """At the size that the score test tells, as far as the effect may be of it."""
+        theta = theta.copy()
+        places = layout.of(name)[: len(size)]
+        theta[places] = np.maximum(layout.mean[places] + size, layout.least[places])
+        return theta
+
     def evaluate(
         self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
     ) -> Evaluation:
         """A pass over the record.  Raises ModelError as `Observer` does."""
+        assert isinstance(layout, ObserverLayout)
         return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, watched=watched)
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:

@@ -103,7 +103,7 @@ def climb(of: Likelihood, start: FittedModel, passes: int = PASSES) -> FittedMod
             return now
         if 0.5 * float(score @ step) < SETTLED:
             return replace(now, converged=True)
-        theta = np.maximum(now.model.theta + step, now.layout.least)
+        theta = np.clip(now.model.theta + step, now.layout.least, now.layout.most)
         moved = at(of, now.layout, replace(now.model, theta=theta))
         if moved.objective > now.objective:
             now, damping = moved, damping / 10.0 if damping > 1e-3 else 0.0

@@ -18,7 +18,16 @@ from estimator.errors import ModelError
 from estimator.identification.candidates import candidates
 from estimator.identification.checks import AT_FLOOR
 from estimator.identification.filtered import ROUGH, Filtered
-from estimator.identification.likelihood import Evaluation, Layout, Model, Noise, Sums, blocks_of, observer_of
+from estimator.identification.likelihood import (
+    Evaluation,
+    Layout,
+    Model,
+    Noise,
+    ObserverLayout,
+    Sums,
+    blocks_of,
+    observer_of,
+)
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.residual.effective import effective_samples
@@ -41,7 +50,7 @@ BLIND = 1e-9
 """Of the largest singular value, below which a part says nothing of a direction of its start."""
 
 
-class StartLayout(Layout):
+class StartLayout(ObserverLayout):
     """A layout with the start of the record behind: motion, sense offsets, and a rate where the model has one.
 
     start (m,) places among the parameters.
@@ -65,6 +74,7 @@ class StartLayout(Layout):
         self.deviation = np.concatenate([self.deviation, deviation[kept]])
         self.factor = np.concatenate([self.factor, observer.factors[rows][kept]])
         self.least = np.concatenate([self.least, np.full(len(self.start), -np.inf)])
+        self.most = np.concatenate([self.most, np.full(len(self.start), np.inf)])
         self.fixed = mean
 
 

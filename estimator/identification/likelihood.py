@@ -133,12 +133,34 @@ class Sums:
 
 
 class Layout:
-    """The parameters of a model on a problem: where each stands among the constants, its prior, its unit.
+    """The parameters of a model: where each stands, its prior, its bounds, its unit.
 
-    names (k,); index (c,) of the first c, constants and coefficients, among the observer's constants; searched: the
-    others, parameters of effects that no derivative is written of, each as (effect, parameter); mean, deviation (k,) of
-    the prior, scaled; factor (k,) SI of a scaled unit; owner (k,) the effect that has it, "" for the base model; least
-    (k,) what none goes below.
+    names (k,); owner (k,) the effect that has it, "" for the base model; mean, deviation (k,) of the prior, scaled;
+    least, most (k,) what none goes below or above; factor (k,) SI of a scaled unit.
+    """
+
+    names: tuple[str, ...]
+    owner: tuple[str, ...]
+    mean: Array
+    deviation: Array
+    least: Array
+    most: Array
+    factor: Array
+
+    def of(self, effect: str) -> list[int]:
+        """Places of an effect's parameters."""
+        return [k for k, owner in enumerate(self.owner) if owner == effect]
+
+    def effects_of(self, model: "Model") -> Effects:
+        """The effects of a model with their parameters as they are in its theta, SI."""
+        raise NotImplementedError
+
+
+class ObserverLayout(Layout):
+    """A layout on a problem of an observer.
+
+    index (c,) of the first c, constants and coefficients, among the observer's constants; searched: the others,
+    parameters of effects that no derivative is written of, each as (effect, parameter).
     """
 
     def __init__(self, problem: Problem, effects: Effects) -> None:
@@ -168,10 +190,7 @@ class Layout:
         self.deviation = np.array([*known, *(abs(value) for value in values)])
         lowest = [-np.inf if i < base else coefficients[i - base][1].least for i in free]
         self.least = np.array([*lowest, *(1e-3 * value for value in values)])
-
-    def of(self, effect: str) -> list[int]:
-        """Places of an effect's coefficients and searched parameters."""
-        return [k for k, owner in enumerate(self.owner) if owner == effect]
+        self.most = np.full(len(self.names), np.inf)
 
     def effects_of(self, model: "Model") -> Effects:
         """The effects of a model with the searched parameters as they are in its theta, SI."""
@@ -247,6 +266,14 @@ class Likelihood(Protocol):
     def effect(self, name: str) -> Effect:
         """Declaration of an effect, by its name with a label."""
 
+    def plausible(self, name: str) -> Array:
+        """Likely sizes (c,), scaled, of the coefficients of an effect that `evaluate` watches."""
+
+    def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
+        """Where a fit with an effect more begins, from `theta` (k,) and the size (c,) that the score test tells of what
+        was watched.
+        """
+
     def declared_noise(self) -> Noise:
         """The noise as it is declared."""
 
@@ -291,7 +318,7 @@ AT_THE_START = Beginning()
 
 def evaluate(
     problem: Problem,
-    layout: Layout,
+    layout: ObserverLayout,
     model: Model,
     beginning: Beginning = AT_THE_START,
     *,
@@ -331,7 +358,7 @@ class _Pass:
         self,
         problem: Problem,
         beginning: Beginning,
-        layout: Layout,
+        layout: ObserverLayout,
         model: Model,
         known: NDArray[np.int64],
         watched: Effects,

@@ -73,8 +73,7 @@ def _scores(
         columns.setdefault(name, []).append(k)
     for name, given in watched.items():
         rows = columns[name]
-        sizes = np.array([c.plausible for c in of.effect(name).coefficients])
-        one = _score(name, information[:, rows][:, :, rows], score[:, rows], sizes, given)
+        one = _score(name, information[:, rows][:, :, rows], score[:, rows], of.plausible(name), given)
         likeness = _likeness(whole, columns[reference], rows) if reference is not None else 0.0
         yield replace(one, likeness=likeness)
 

@@ -167,13 +167,9 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     effects = {**fitted.layout.effects_of(fitted.model), score.name: score.given}
     layout = of.layout(effects)
     theta = _carried_over(fitted, layout)
-    for k, size in zip(layout.of(score.name), score.size, strict=False):
-        theta[k] = max(layout.mean[k] + size, layout.least[k])
-    model = Model(effects, theta, fitted.model.noise)
+    model = Model(effects, of.begun(layout, theta, score.name, score.size), fitted.model.noise)
     begun = climb(of, at(of, layout, model), 3)
     if not begun.evaluation.sound or begun.objective < fitted.objective:
-        for k in layout.of(score.name)[: len(score.size)]:
-            theta[k] = layout.mean[k]
         begun = climb(of, at(of, layout, replace(model, theta=theta)), 6)
     return advanced(of, at(of, layout, of.quieten(layout, begun.model)))
 

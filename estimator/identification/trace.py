@@ -13,7 +13,7 @@ from estimator.identification.checks import CHECKS, Evidence
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import FittedModel, at, climb, finished, fit, settle
 from estimator.identification.free_run import FreeRun
-from estimator.identification.likelihood import Evaluation, Likelihood
+from estimator.identification.likelihood import Evaluation, Likelihood, ObserverLayout
 from estimator.identification.result import diagnosis, effects_of
 from estimator.identification.search import Search, search, without_effect
 from estimator.side_by_side import side_by_side
@@ -108,6 +108,7 @@ def likelihood_of(problem: Problem, split: int) -> Likelihood:
 def constants_of(fitted: FittedModel) -> dict[str, float]:
     """Constants of the base model, SI."""
     layout = fitted.layout
+    assert isinstance(layout, ObserverLayout)
     values = fitted.model.theta[: len(layout.index)] * layout.factor[: len(layout.index)]
     return {name: float(v) for name, owner, v in zip(layout.names, layout.owner, values, strict=False) if not owner}
 

@@ -34,10 +34,13 @@ class Parameters(Layout):
         coefficients = [(one.name, c) for one in self.effects for c in one.coefficients]
         self.owner = (*[""] * base, *(name for name, _ in coefficients))
         self.names = (*(f"b{k}" for k in range(base)), *(c.name for _, c in coefficients))
-        self.index, self.searched = np.arange(len(self.names)), ()
         self.factor, self.mean = np.ones(len(self.names)), np.zeros(len(self.names))
         self.deviation = np.array([*[WIDE] * base, *(c.plausible for _, c in coefficients)])
         self.least = np.array([*[-np.inf] * base, *(c.least for _, c in coefficients)])
+        self.most = np.full(len(self.names), np.inf)
+
+    def effects_of(self, model: Model) -> Effects:
+        return model.effects
 
 
 @dataclass(frozen=True)
@@ -85,6 +88,14 @@ class Linear:
 
     def effect(self, name: str) -> Effect:
         return self.declared[name]
+
+    def plausible(self, name: str) -> Array:
+        return np.array([one.plausible for one in self.declared[name].coefficients])
+
+    def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
+        theta = theta.copy()
+        theta[layout.of(name)] = np.maximum(size, layout.least[layout.of(name)])
+        return theta
 
     def declared_noise(self) -> Noise:
         return Noise((1.0,), 1.0, 0.0)
