@@ -25,7 +25,7 @@ from device_emulator.device import Device
 from device_emulator.line import Line
 from estimator.observer import Observer
 from hil.bench import override
-from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.preflight import configure
 from hil.loop.worker import make_loop
 from hil.wire import client

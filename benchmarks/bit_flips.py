@@ -14,9 +14,9 @@ import numpy as np
 
 from benchmarks.row import Row
 from hil.bench import load_bench, override
-from hil.emulation import located
+from hil.bench.examples import find
+from hil.boards.emulation import located
 from hil.errors import InputError
-from hil.examples import find
 from hil.loop.run import run
 from hil.records.blocks import read_blocks
 from hil.records.check import check

@@ -27,7 +27,7 @@ import numpy as np
 
 import hil
 from benchmarks.row import Row, Say
-from hil.strict_toml import parse_table
+from hil.errors.strict_toml import parse_table
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import plan_of, toml_of
 

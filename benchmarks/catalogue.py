@@ -17,7 +17,7 @@ from typing import Any
 
 import hil
 from benchmarks.row import Row
-from hil import examples
+from hil.bench import examples
 from hil.loop.run import run
 from hil.service.catalogue import queries
 from hil.service.catalogue.catalogue import Catalogue

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
-from hil import examples
+from hil.bench import examples
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
 

@@ -10,7 +10,7 @@ from estimator.completeness.closing import Limits, closing_scan
 from estimator.completeness.stretch import Stretch, stretches_of
 from estimator.record import Record
 from estimator.settings import ControllerSettings
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.declared import device_of, observer_settings_of
 
 CASES = (  # example, kS/s, seconds recorded, at most s
     ("s-slow", 24.0, 3.0),

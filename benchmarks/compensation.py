@@ -16,7 +16,7 @@ from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import draw
 from hil.bench import Bench, override
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.declared import device_of, observer_settings_of
 
 SAMPLES, FITTED, SETTLED = 60_000, 0.6, 0.3
 

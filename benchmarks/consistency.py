@@ -21,7 +21,7 @@ from device_emulator.device import Device
 from device_emulator.scenario import Scenario
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.declared import device_of, observer_settings_of
 
 SCENARIOS = ("s-slow", "s-classic")
 SEEDS = 400

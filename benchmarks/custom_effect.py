@@ -30,8 +30,8 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from hil.bench import load_bench, override
-from hil.examples import find
-from hil.own_effects import own_effects
+from hil.bench.examples import find
+from hil.inputs.own_effects import own_effects
 
 SAMPLES, TURNS, TICKS = 20_000, 15, 4_000
 LOOP_SAMPLES, SEED = 96_000, 1

@@ -32,7 +32,7 @@ from device_emulator.board import Board
 from device_emulator.device import TRUTH_COLUMNS, Device
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.preflight import configure
 from hil.loop.skeleton import Loop
 from hil.loop.worker import make_loop

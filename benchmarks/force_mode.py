@@ -18,12 +18,11 @@ from pathlib import Path
 from benchmarks.lockstep import bench_of
 from benchmarks.pacer import ANSWER_LENGTH
 from benchmarks.row import Row, Say
-from hil import examples
-from hil.bench import override
+from hil.bench import examples, override
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
-from hil.scoring import score
+from hil.scoring.score import score
 
 DURATION_S = 30.0
 SEGMENT_S = 1.0

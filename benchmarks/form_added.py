@@ -15,8 +15,8 @@ from estimator.errors import ModelError
 from estimator.missing_force.estimate import missing_force
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import draw
-from hil.addition import add_form
 from hil.bench import load_bench, override
+from hil.bench.addition import add_form
 from hil.bench.template import template, values_of
 from hil.records.force import to_model
 

@@ -25,8 +25,8 @@ from benchmarks.row import Row, Say
 from benchmarks.speed.cases import Case
 from estimator.settings import Variant
 from hil.bench import Bench, load_bench
+from hil.bench.examples import find
 from hil.bench.template import template, values_of
-from hil.examples import find
 from hil.loop.worker import Order, untold, work
 
 ROUNDS, STEPS = 9, 5000

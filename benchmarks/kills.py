@@ -26,10 +26,9 @@ import numpy as np
 from scipy.linalg import expm
 
 from benchmarks.row import Row
-from hil import examples
-from hil.bench import load_bench, override
+from hil.bench import examples, load_bench, override
 from hil.bench.template import template, values_of
-from hil.emulation import Emulator, emulator
+from hil.boards.emulation import Emulator, emulator
 from hil.errors import InputError
 from hil.records.capture import read_capture
 from hil.records.timing import read_timing

@@ -20,8 +20,8 @@ from device_emulator.line import Line
 from device_emulator.scenario import Scenario, load
 from estimator.observer import Observer
 from hil.bench import Bench, load_bench, override
-from hil.declared import controller_settings_of, device_of, observer_settings_of
-from hil.examples import find
+from hil.bench.examples import find
+from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.preflight import configure
 from hil.loop.skeleton import Counters
 from hil.loop.tracks import column_of

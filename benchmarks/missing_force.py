@@ -27,8 +27,8 @@ from evaluation.undeclared.effects import DRAWABLE, OUTSIDE
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import make
 from hil.bench import load_bench
-from hil.captured import control_of, drives_of, record_of
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.captured import control_of, drives_of, record_of
+from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.atomic import write_text
 from hil.records.capture import read_capture
 from hil.records.force import to_model

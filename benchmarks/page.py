@@ -28,9 +28,9 @@ from playwright.sync_api import Page, sync_playwright
 
 from benchmarks.row import Row, Say
 from benchmarks.service import cpu_s, patient, running_service
+from hil.bench.examples import find
+from hil.boards.emulation import emulator
 from hil.client import Service
-from hil.emulation import emulator
-from hil.examples import find
 
 SECONDS = float(os.environ.get("PAGE_S", "900"))
 SAFES = int(os.environ.get("PAGE_SAFES", "100"))

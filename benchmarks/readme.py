@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from device_emulator.scenario import load
+from hil.bench.examples import find
 from hil.errors import InputError
-from hil.examples import find
 from hil.numbers import plus_minus, significant
 
 BEGIN, END = "<!-- python -m benchmarks.readme -->", "<!-- end -->"

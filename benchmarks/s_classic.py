@@ -15,7 +15,7 @@ from benchmarks.lockstep import ClosedLoop, Floats, bench_of, close_loop, rms, s
 from benchmarks.row import Row, Say
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.declared import device_of, observer_settings_of
 
 SEEDS = 4
 SAMPLES = 128_000

@@ -41,8 +41,8 @@ from hil.loop.run import run
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
-from hil.separate import Asked, last_traced, separable, separate
-from hil.tracing import trace
+from hil.tracing.separate import Asked, last_traced, separable, separate
+from hil.tracing.trace import trace
 
 DRAW = 14
 DEVICES = 30

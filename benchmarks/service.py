@@ -26,10 +26,10 @@ from scipy import stats
 from benchmarks.row import Row, Say
 from hil import client
 from hil.bench import Bench, load_bench
+from hil.bench.examples import find
+from hil.boards.emulation import emulator
 from hil.client import Service
-from hil.emulation import emulator
 from hil.errors import InputError
-from hil.examples import find
 from hil.records.blocks import GrowingFile
 from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder

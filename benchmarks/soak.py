@@ -21,7 +21,7 @@ from device_emulator.board import Board
 from device_emulator.device import TRUTH_COLUMNS, Device
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import controller_settings_of, device_of, observer_settings_of
+from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.force import ForceLoop
 from hil.loop.preflight import configure
 from hil.loop.skeleton import Setup

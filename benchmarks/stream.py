@@ -16,8 +16,8 @@ from typing import NamedTuple
 
 from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
-from hil import examples
-from hil.emulation import emulator
+from hil.bench import examples
+from hil.boards.emulation import emulator
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result

@@ -21,8 +21,8 @@ from estimator.core.layout import OUTPUT
 from estimator.core.library import LIBRARY as CORE
 from estimator.observer import Observer
 from hil.bench import Bench
-from hil.declared import controller_settings_of, device_of, observer_settings_of
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
+from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
 from hil.loop.gain import GainLoop
 from hil.loop.native import LIBRARY, MOST_ROWS, NONE, ROW, SAID_ROOM, Batch, ReceiverState, payload_sizes
 from hil.loop.preflight import configure

@@ -19,9 +19,9 @@ from device_emulator.scenario import load
 from estimator.side_by_side import workers
 from evaluation.undeclared.population import Order, population
 from evaluation.undeclared.record import make
+from hil.bench.examples import find
 from hil.errors import InputError
-from hil.examples import find
-from hil.tracing import trace_file
+from hil.tracing.trace import trace_file
 
 SAMPLES, MINUTE_S = 1_000_000, 60.0
 SHORT, HALF_A_MINUTE_S = 100_000, 30.0

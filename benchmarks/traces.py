@@ -18,8 +18,8 @@ from device_emulator.scenario import load
 from estimator.observer import Observer
 from estimator.side_by_side import workers
 from hil.bench import Bench
-from hil.declared import device_of, observer_settings_of
-from hil.examples import find
+from hil.bench.examples import find
+from hil.inputs.declared import device_of, observer_settings_of
 
 SAMPLES, ROUNDS = 100_000, 3
 BLOCK = 250

@@ -32,7 +32,7 @@ import numpy as np
 from benchmarks.row import Row, Say
 from hil.bench import Bench, load_bench, override
 from hil.bench.calibration import ASSUMED
-from hil.examples import find
+from hil.bench.examples import find
 from hil.records.atomic import write_text
 from hil.records.result import Contribution
 from hil.verdict.remedies import remedy
@@ -144,7 +144,7 @@ def _kept(kept: Path, bench: Bench, scenario_toml: str) -> dict[str, Any]:
     if kept.exists():
         return dict(json.loads(kept.read_text()))
     from hil.loop.run import run
-    from hil.scoring import score
+    from hil.scoring.score import score
 
     with tempfile.TemporaryDirectory() as place:
         scenario, truth = Path(place) / "drawn.scenario.toml", Path(place) / "truth.arrow"

@@ -24,7 +24,7 @@ from evaluation.undeclared.judging import judge
 from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.atomic import write_text
-from hil.tracing import Tracer, trace_file
+from hil.tracing.trace import Tracer, trace_file
 
 Answer = dict[str, Any]
 

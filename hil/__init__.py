@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from estimator.errors import ModelError
     from hil.bench import Bench, RateSensorBench
-    from hil.comparison import Comparison
     from hil.errors import InputError
     from hil.library.campaign import Sweep
     from hil.library.finished_run import Run
@@ -28,6 +27,7 @@ if TYPE_CHECKING:
     from hil.library.verbs import compare, diff, export, load_bench, open_live, replay, run, score, sweep, trace
     from hil.loop.run import Interrupted
     from hil.records.methods import MethodRow, Methods
+    from hil.scoring.comparison import Comparison
     from hil.wire.errors import WireError
 
     open = open_live
@@ -68,7 +68,7 @@ __version__: str
 _HOMES = {
     "Bench": "hil.bench",
     "Block": "hil.library.live",
-    "Comparison": "hil.comparison",
+    "Comparison": "hil.scoring.comparison",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
     "Live": "hil.library.live",

@@ -8,12 +8,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hil import examples
-from hil.bench import Bench, load_bench, override
+from hil.bench import Bench, examples, load_bench, override
+from hil.doctor.started import Started, after_late, measured
 from hil.progress import Progress, Watcher
 from hil.records.result import Result, load_result, save_result
 from hil.records.runfolder import RunFolder
-from hil.started import Started, after_late, measured
 
 EXAMPLE = "s-undeclared"
 LOOP = {"duration_s": 12.0, "settle_s": 4.0}
@@ -89,10 +88,10 @@ def demo(
     file, which only the score reads.  `hil.errors.InputError` or `hil.wire.errors.WireError` when board or bench cannot
     be had.
     """
-    from hil.addition import add_effects, additions
+    from hil.bench.addition import add_effects, additions
     from hil.errors import InputError
     from hil.report.page import write_report
-    from hil.tracing import trace
+    from hil.tracing.trace import trace
 
     path = examples.find("bench", EXAMPLE)
     options = _lasting(duration_s, LOOP), seed
@@ -208,7 +207,7 @@ def _score(run: Path, truth: Path, progress: Watcher) -> None:
     """Raises InputError for a run that ended too early for it, which has its page then."""
     from hil.errors import InputError
     from hil.report.page import write_report
-    from hil.scoring import score
+    from hil.scoring.score import score
 
     progress(Progress("score", 0, 0))
     try:

@@ -2,8 +2,9 @@
 
     pytest --hil-bench my.bench.toml --hil-link serial:/dev/ttyACM0 --hil-arm
 
-Fixtures: `bench`, the bench file; `board`, a `hil.acceptance.BoardUnderTest` of that link. Markers: `hil_clock(name)`,
-the test needs a board that keeps that clock; `hil_emulated`, it needs an emulated board (its truth, say).
+Fixtures: `bench`, the bench file; `board`, a `hil.testing.acceptance.BoardUnderTest` of that link. Markers:
+`hil_clock(name)`, the test needs a board that keeps that clock; `hil_emulated`, it needs an emulated board (its truth,
+say).
 
 pytest loads this module in every project it runs in once the package is installed, so nothing is imported here that a
 session without these fixtures would have to pay for.
@@ -16,8 +17,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from hil.acceptance import BoardUnderTest
     from hil.bench import Bench
+    from hil.testing.acceptance import BoardUnderTest
 
 _FAULT = pytest.StashKey[bool]()
 
@@ -58,9 +59,9 @@ def bench(request: pytest.FixtureRequest) -> "Bench":
 @pytest.fixture
 def board(request: pytest.FixtureRequest, bench: "Bench", tmp_path: Path) -> Iterator["BoardUnderTest"]:
     """The board at `--hil-link`, connected when first used and SAFE afterwards. Skips what it cannot do."""
-    from hil.acceptance import BoardUnderTest, CannotDo
-    from hil.emulation import is_emulated, located
+    from hil.boards.emulation import is_emulated, located
     from hil.errors import InputError
+    from hil.testing.acceptance import BoardUnderTest, CannotDo
     from hil.wire.errors import LinkError
 
     config = request.config
@@ -91,7 +92,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     try:
         return (yield)
     except Exception as error:
-        if type(error).__name__ == "CannotDo" and type(error).__module__ == "hil.acceptance":
+        if type(error).__name__ == "CannotDo" and type(error).__module__ == "hil.testing.acceptance":
             pytest.skip(str(error))
         if _is_ours(error):
             item.session.config.stash[_FAULT] = True
@@ -102,7 +103,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """A fault of the bench is no verdict on a board: the exit code is 3, as of `hil`."""
     if session.config.stash.get(_FAULT, False):
-        from hil.exit_codes import ExitCode
+        from hil.errors.exit_codes import ExitCode
 
         session.exitstatus = int(ExitCode.FAULT)
 
@@ -112,7 +113,7 @@ def _is_ours(error: Exception) -> bool:
     from traceback import walk_tb
 
     modules = {frame.f_globals.get("__name__") for frame, _ in walk_tb(error.__traceback__)}
-    if isinstance(error, AssertionError) or "hil.acceptance" not in modules:
+    if isinstance(error, AssertionError) or "hil.testing.acceptance" not in modules:
         return False
     from hil.errors import told_to_user
 
@@ -120,8 +121,8 @@ def _is_ours(error: Exception) -> bool:
 
 
 def _bench_path(config: pytest.Config) -> Path:
+    from hil.bench.examples import find
     from hil.errors import InputError
-    from hil.examples import find
 
     name = _setting(config, "bench")
     if not name:

@@ -85,7 +85,7 @@ def no_scan(monkeypatch: pytest.MonkeyPatch) -> None:
     def scanned(*_: object) -> None:
         pass
 
-    monkeypatch.setattr("hil.closing_scan.scan_run", scanned)
+    monkeypatch.setattr("hil.loop.closing_scan.scan_run", scanned)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

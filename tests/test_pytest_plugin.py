@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
 from tests.loop import gyro
 
 pytest_plugins = ["pytester"]
@@ -151,7 +151,7 @@ def test_the_examples_find_a_noisy_board(pytester: pytest.Pytester, tmp_path: Pa
 @pytest.mark.parametrize(("error", "code"), [("KeyError('x')", 3), ("AssertionError()", 1)])
 def test_a_fault_of_the_bench_is_no_verdict_on_a_board(pytester: pytest.Pytester, error: str, code: int) -> None:
     text = f"""
-        from hil.acceptance import BoardUnderTest
+        from hil.testing.acceptance import BoardUnderTest
 
         def test_it(monkeypatch):
             def broken(*_):

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from estimator.diagnosis import Interval
-from hil.ratio import drive_words, of_drive, slip
+from hil.bench.ratio import drive_words, of_drive, slip
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ from benchmarks.lockstep import ClosedLoop, bench_of, close_loop
 from benchmarks.verdicts.campaign import toml_of
 from device_emulator.scenario import load
 from hil.bench import Bench
-from hil.examples import find
+from hil.bench.examples import find
 from hil.library.arrays import write_capture
 from hil.methods.comparing import methods_on
 from hil.methods.record import given

@@ -11,9 +11,9 @@ from benchmarks.laboratory.kinds import KINDS, Kind, bench_text
 from benchmarks.laboratory.pools import POOLS, PoolKind
 from benchmarks.row import Row, Say
 from hil.interchange.importer import import_record
-from hil.pooling import trace_pool_files
 from hil.records.diagnosis import Coefficient, Diagnosis
-from hil.tracing import trace_file
+from hil.tracing.pooling import trace_pool_files
+from hil.tracing.trace import trace_file
 
 SEED = 11
 

@@ -185,7 +185,7 @@ TESTS: dict[str, list[str]] = {
     "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": _BLOCKS,
     "hil.records.check": ["tests/records/test_check_rules.py"],
-    "hil.nees": ["tests/records/test_covariance.py"],
+    "hil.scoring.nees": ["tests/records/test_covariance.py"],
     **{f"hil.wire.{module}": [f"tests/{name}.py" for name in tests.split()] for module, tests in _WIRE.items()},
     "hil.wire.key_file": _KEY_FILE,
     "hil.wire.keyed": _KEYED,

@@ -90,7 +90,7 @@ NAMED = (
     ),
     Named(
         "the judge of the angle takes W² with the other sign",
-        "hil.scoring", "stiffness_per_s2 + spin_rad_s**2", "stiffness_per_s2 - spin_rad_s**2",
+        "hil.scoring.score", "stiffness_per_s2 + spin_rad_s**2", "stiffness_per_s2 - spin_rad_s**2",
         ("tests/records/test_score.py",),
     ),
     Named(

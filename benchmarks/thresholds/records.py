@@ -134,8 +134,8 @@ def _said(verdict: str, named: list[str]) -> str:
 def _recorded(place: Path) -> "Problem":
     from estimator.trace.problem import Problem
     from hil.bench import load_bench
-    from hil.captured import control_of, drives_of, record_of
-    from hil.declared import device_of, observer_settings_of
+    from hil.inputs.captured import control_of, drives_of, record_of
+    from hil.inputs.declared import device_of, observer_settings_of
     from hil.records.capture import read_capture
 
     captured, bench = read_capture(place / "capture.arrow"), load_bench(place / "bench.toml")

@@ -71,12 +71,12 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     from hil.bench import Bench
     from hil.bench.template import template, values_of
     from hil.errors import InputError
+    from hil.errors.strict_toml import parse_table
     from hil.loop.run import run
     from hil.records.atomic import write_text
     from hil.records.result import load_result
     from hil.records.runfolder import RunFolder
-    from hil.scoring import score
-    from hil.strict_toml import parse_table
+    from hil.scoring.score import score
 
     place = folder / f"{order.draw}-{order.name}"
     shutil.rmtree(place, ignore_errors=True)
@@ -119,7 +119,7 @@ def end_error(run: Path, truth: Path) -> float | None:
     """Reported less true rotation at the end of the scored window, both zero at its start, rad."""
     from hil.records.runfolder import RunFolder
     from hil.records.truth import read_truth
-    from hil.scoring import scored_window
+    from hil.scoring.score import scored_window
 
     folder, true = RunFolder(run), read_truth(truth)
     if folder.estimates is None or "angle_rad" not in folder.estimates:

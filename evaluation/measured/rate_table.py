@@ -7,10 +7,9 @@ import numpy as np
 from estimator.rate_sensor.trace import SensorDiagnosis
 from evaluation.measured.oscillator import imported
 from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
-from hil import examples
-from hil.bench import RateSensorBench, load_any_bench
-from hil.rate_sensor import trace_rate_sensor
+from hil.bench import RateSensorBench, examples, load_any_bench
 from hil.records.capture import Capture
+from hil.tracing.rate_sensor import trace_rate_sensor
 
 FOLDER = "rate_table"
 _SENSORS = ("crs03", "crs09", "crh02")

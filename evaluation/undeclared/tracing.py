@@ -18,7 +18,7 @@ from benchmarks.row import Say
 from estimator.side_by_side import one_worker_each
 from hil.errors import InputError
 from hil.records.atomic import write_text
-from hil.tracing import trace_file
+from hil.tracing.trace import trace_file
 
 _ROOT = Path(__file__).parents[2]
 

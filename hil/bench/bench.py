@@ -18,7 +18,7 @@ from hil.bench.plausible import implausible
 from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import Section, check_matrix
 from hil.errors import InputError
-from hil.strict_toml import parse_table, read_table
+from hil.errors.strict_toml import parse_table, read_table
 
 _WATCHDOG_S, _MEMORY_S, _MEMORY_CYCLES = 0.02, 1.0, 10.0  # where a bench file says nothing
 

@@ -9,7 +9,7 @@ from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.errors import ModelError
 from hil.bench.section import Positive, Section, as_tuple
 from hil.bench.toml import toml_key, toml_value
-from hil.strict_toml import suggestion
+from hil.errors.strict_toml import suggestion
 
 GROUP = "hil.effects"
 """Entry points of packages that bring effects."""

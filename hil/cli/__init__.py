@@ -1,6 +1,6 @@
 """The command line: one verb per module; this file turns what goes wrong into one line and an exit code.
 
-Exit codes are those of `hil.exit_codes`.  Verb modules import nothing heavy at
+Exit codes are those of `hil.errors.exit_codes`.  Verb modules import nothing heavy at
 the top, so that ``hil --help`` answers at once.
 """
 
@@ -11,8 +11,8 @@ import warnings
 from typing import Any, NoReturn
 
 from hil.errors import printable, told_to_user
-from hil.exit_codes import ExitCode
-from hil.interruption import take_signals
+from hil.errors.exit_codes import ExitCode
+from hil.errors.interruption import take_signals
 
 _RENAMED = {("trace", "--force"): "--missing-force", ("trace", "--no-force"): "--no-missing-force"}
 _BARE = {"trace", "import", "export", "show", "ls", "check", "diff", "init"}
@@ -58,7 +58,7 @@ def execute(arguments: list[str]) -> int:
         if (sentence := _sentence(error, arguments)) is not None:
             _say(sentence)
             return ExitCode.BAD_INPUT
-        from hil.faults import kept_fault
+        from hil.errors.faults import kept_fault
 
         _say(kept_fault(error))
         return ExitCode.FAULT

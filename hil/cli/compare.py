@@ -83,7 +83,7 @@ def compare(
     with watching("compare") as watch:
         found = _diagnosis(diagnosis)
         if trace:
-            from hil.tracing import trace as trace_record
+            from hil.tracing.trace import trace as trace_record
 
             traced = override(declared, {"loop": {"name": f"{named.loop.name}-trace"}}, str(path))
             found = trace_record(place, traced, out, report=report, progress=watch).diagnosis
@@ -117,8 +117,8 @@ def _print(done: "Compared", record: Path) -> None:
     from rich.text import Text
 
     from hil.errors import printable
-    from hil.next_step import after_comparison
     from hil.report.methods import HEAD, cells, headline
+    from hil.verdict.next_step import after_comparison
 
     found = done.methods
     console = Console(highlight=False, soft_wrap=True, width=_WIDTH)

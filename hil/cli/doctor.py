@@ -32,11 +32,11 @@ def doctor(link: DoctorLink = None, json: Json = False) -> None:
       hil doctor --link can:can0 --json
       hil doctor --link pty:s-slow
     """
+    from hil.boards.emulation import located
     from hil.doctor import link as link_
     from hil.doctor import machine, ports, target
-    from hil.emulation import located
-    from hil.exit_codes import ExitCode
-    from hil.faults import is_fault
+    from hil.errors.exit_codes import ExitCode
+    from hil.errors.faults import is_fault
 
     findings = [*machine.examine(), *target.examine(), *ports.examine()]
     measured = None

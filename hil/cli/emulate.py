@@ -58,9 +58,9 @@ def emulate(
     from contextlib import ExitStack
     from json import dumps
 
+    from hil.bench.examples import find
+    from hil.boards.emulation import emulator
     from hil.cli.progress import watching
-    from hil.emulation import emulator
-    from hil.examples import find
 
     with ExitStack() as held:
         with watching("emulate") as watch:

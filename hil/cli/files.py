@@ -26,7 +26,7 @@ def bench_file(given: str | None, capture: Path, verb: str) -> Path:
 
     Raises InputError where a record has none of its own, with the command that names one.
     """
-    from hil.examples import find
+    from hil.bench.examples import find
     from hil.records.runfolder import bench_of_record
 
     if given is not None:

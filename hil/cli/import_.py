@@ -47,9 +47,9 @@ def import_(
       hil import SNLS80mV.csv.gz --map silverbox -o silverbox.arrow
       hil import DATA_EMPS.mat --map emps
     """
+    from hil.bench.examples import find
     from hil.cli.files import fresh
     from hil.cli.show import print_json, say
-    from hil.examples import find
     from hil.interchange.importer import import_file
     from hil.records.capture import missing
 

@@ -62,13 +62,13 @@ def init(
       hil init --from-board --link pty:s-slow --like s-slow
     """
     from hil.bench import Bench, load_bench
+    from hil.bench.examples import find
     from hil.bench.template import IN_MPS2, missing, put_in, template, values_of
     from hil.cli.files import fresh
     from hil.cli.show import echo_figures, print_echo, print_json, say
     from hil.errors import InputError
-    from hil.examples import find
+    from hil.errors.strict_toml import parse_table, table_of
     from hil.records.atomic import write_text
-    from hil.strict_toml import parse_table, table_of
 
     if from_board != (link is not None):
         raise InputError("--from-board and --link belong together; give both or neither")
@@ -77,8 +77,8 @@ def init(
     heading = "A bench file to be filled in."
     identity: dict[str, Any] | None = None
     if link is not None:
-        from hil.declared import from_identity
-        from hil.emulation import located
+        from hil.boards.emulation import located
+        from hil.boards.identity import from_identity
 
         heading, told, identity = from_identity(located(link))
         known = put_in(known, told | {"link": {"url": link}})

@@ -14,11 +14,11 @@ def prepare(bench: "Bench") -> None:
     Raises InputError for one that the bench file declares or names and that is none.
     """
     from hil.cli.show import say
-    from hil.own_effects import left_out, may_have_any
+    from hil.inputs.own_effects import left_out, may_have_any
 
     if not may_have_any(bench):
         return
-    from hil.declared import device_of
+    from hil.inputs.declared import device_of
 
     device = device_of(bench)
     for line in left_out():

@@ -50,7 +50,7 @@ def _bar(title: str, *, whole: bool) -> Iterator[Watcher]:
     from rich.progress import BarColumn, TaskID, TextColumn, TimeRemainingColumn
     from rich.progress import Progress as Bars
 
-    from hil.time_left import in_words
+    from hil.tracing.time_left import in_words
 
     columns = (
         TextColumn(printable(title), style="dim", markup=False),

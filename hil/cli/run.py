@@ -113,12 +113,12 @@ def run(
 
 def _show_what_is_held(bench: "Bench", url: str) -> None:
     """After a dry run: what the run may ask of this machine."""
+    from hil.boards.emulation import is_emulated
     from hil.cli.doctor import print_holds
     from hil.cli.progress import watching
     from hil.doctor import link
-    from hil.emulation import is_emulated
+    from hil.doctor.started import measured
     from hil.errors import printable
-    from hil.started import measured
 
     if is_emulated(url):
         with watching("what this machine holds") as watch:

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.emulation import shown
+from hil.boards.emulation import shown
 from hil.errors import InputError
 from hil.progress import Progress, Watcher
 

@@ -25,7 +25,7 @@ def score(run: Run, truth: TruthFile, json: Json = False) -> None:
     from hil.cli.files import run_folder
     from hil.cli.show import finish, say
     from hil.report.page import write_report
-    from hil.scoring import score as compare
+    from hil.scoring.score import score as compare
 
     run = run_folder(run)
     told = f"{run}: nothing of it was changed"

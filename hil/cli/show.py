@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import typer
 
 from hil.errors import printable, printable_json
-from hil.exit_codes import ExitCode
-from hil.faults import is_fault
+from hil.errors.exit_codes import ExitCode
+from hil.errors.faults import is_fault
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -195,7 +195,7 @@ def _print_verdict(console: "Console", result: "Result") -> None:
 
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
-    from hil.emulation import shown
+    from hil.boards.emulation import shown
     from hil.numbers import count, counted, in_both, percent, sensed, signed, significant
 
     if result.link is not None:

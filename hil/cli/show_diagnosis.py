@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NoReturn
 import typer
 
 from hil.errors import printable, printable_json
-from hil.exit_codes import ExitCode
+from hil.errors.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,7 +32,7 @@ def finish(
     if as_json:
         print(printable_json((folder / "diagnosis.json").read_text(encoding="utf-8")), end="")
     else:
-        from hil.next_step import after_trace
+        from hil.verdict.next_step import after_trace
 
         print_diagnosis(diagnosis)
         print()

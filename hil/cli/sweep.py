@@ -61,8 +61,8 @@ def sweep(
       hil sweep my.campaign.toml --workers 2 --out runs/mine
       hil sweep my.campaign.toml --scheduler tcp://head:8786
     """
+    from hil.bench.examples import find
     from hil.errors import InputError
-    from hil.examples import find
     from hil.sweeping.plan import read_plan
 
     plan = read_plan(find("campaign", campaign), called=campaign)
@@ -126,7 +126,7 @@ def _told(watch: "Watcher") -> "Watcher":
     import sys
 
     from hil.cli.show import say
-    from hil.time_left import in_words
+    from hil.tracing.time_left import in_words
 
     said = time.monotonic()
     note = ""
@@ -149,8 +149,8 @@ def _told(watch: "Watcher") -> "Watcher":
 
 def _finish(plan: "Plan", found: "Sweep", made: int, seconds: float, *, as_json: bool) -> NoReturn:
     from hil.cli.show import print_json
-    from hil.exit_codes import ExitCode
-    from hil.faults import is_fault
+    from hil.errors.exit_codes import ExitCode
+    from hil.errors.faults import is_fault
 
     told = summary(plan, found) | {"made": made, "seconds": round(seconds, 1), "report": str(found.report())}
     if as_json:

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from hil.bench import Bench
     from hil.library.tracing import Trace
     from hil.records.diagnosis import Diagnosis
-    from hil.separate import Asked
+    from hil.tracing.separate import Asked
 
 Add = Annotated[
     Path | None,
@@ -151,7 +151,7 @@ def trace(
 def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
     """Write the bench file with what was found: the effects, or else the form of the missing force; whether any
     was."""
-    from hil.addition import add_effects, add_form, additions
+    from hil.bench.addition import add_effects, add_form, additions
     from hil.cli.show import say
 
     found = additions(diagnosis)
@@ -196,7 +196,7 @@ def _together(
     from hil.cli.progress import watching
     from hil.cli.show_diagnosis import finish
     from hil.errors import InputError
-    from hil.pooling import trace_pool_files
+    from hil.tracing.pooling import trace_pool_files
 
     if add is not None:
         raise InputError("--add: of several records no bench file is written; copy what was found into [effects]")
@@ -210,8 +210,8 @@ def _together(
 
 def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> str:
     """The link of the board for the experiment, consent to arm it given."""
+    from hil.boards.emulation import is_emulated, located
     from hil.cli import consent
-    from hil.emulation import is_emulated, located
     from hil.errors import InputError
 
     if (place := declared.link.url if link is None else link) is None:
@@ -239,7 +239,7 @@ def _separated(
     from hil.cli.progress import watching
     from hil.cli.show import say
     from hil.library.tracing import Trace
-    from hil.separate import duration_for, last_traced, separable, separate, within_reach
+    from hil.tracing.separate import duration_for, last_traced, separable, separate, within_reach
 
     if not separable(done.diagnosis, bench):
         say("no experiment to make: no run on the board would separate effects that this record does not separate")

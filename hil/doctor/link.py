@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from hil.boards.emulation import is_emulated, served
 from hil.doctor import ports
 from hil.doctor.capacity import Capacity, capacity, holds, rounded
 from hil.doctor.finding import Finding
-from hil.emulation import is_emulated, served
 from hil.errors import InputError
 from hil.loop import line_workers
 from hil.wire.errors import WireError

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hil.errors import told_to_user
-from hil.exit_codes import ExitCode
-from hil.faults import kept_fault
+from hil.errors.exit_codes import ExitCode
+from hil.errors.faults import kept_fault
 from hil.loop import realtime
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -105,8 +105,8 @@ def _observer() -> "Observer":
     """The example S-slow's, loaded and run once."""
     from estimator.observer import Observer
     from hil.bench import load_bench
-    from hil.declared import board_device_of, controller_settings_of, observer_settings_of
-    from hil.examples import find
+    from hil.bench.examples import find
+    from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 
     bench = load_bench(find("bench", "s-slow"))
     board = Identity(0, 0, 0, 0, bench.device.sample_rate_Hz, 2, 16, 16, 1e-5, 1e-3, 1, 0)

@@ -7,6 +7,7 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
+from hil.errors.strict_toml import read_toml
 from hil.interchange.band import Band
 from hil.interchange.channels import OWN, fault_in
 from hil.interchange.units import (
@@ -19,7 +20,6 @@ from hil.interchange.units import (
     require_own_unit,
 )
 from hil.records.capture import Hold
-from hil.strict_toml import read_toml
 
 Mark = Annotated[str, Field(min_length=1, max_length=1)]
 Rows = Annotated[

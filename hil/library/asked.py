@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil.bench import Bench, load_bench, override
-from hil.emulation import is_emulated, located
+from hil.boards.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.library.places import bench_file, path_of, require
 from hil.loop.drives import drives, in_one_line

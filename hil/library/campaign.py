@@ -54,7 +54,7 @@ class Sweep:
 
     def dependence_of(self, figure: str) -> "Dependence | None":
         """The same of another column of numbers.  Raises InputError where there is none of that name."""
-        from hil.strict_toml import suggestion
+        from hil.errors.strict_toml import suggestion
         from hil.sweeping.dependence import dependence
 
         if figure not in self.table.column_names:

@@ -33,6 +33,6 @@ def bench_file(
     argument: str, given: Any, wanted: str = "a Bench, the path of a bench file or the name of an example"
 ) -> Path:
     """The bench file at a path, or the example of that name.  Raises InputError where there is none."""
-    from hil import examples  # knows what a file of TOML may hold, which a run that is opened does without
+    from hil.bench import examples  # knows what a file of TOML may hold, which a run that is opened does without
 
     return examples.find("bench", str(path_of(argument, given, wanted)))

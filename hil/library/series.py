@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.coverage import COVERAGE
 from hil.errors import InputError
+from hil.records.coverage import COVERAGE
 from hil.records.units import symbol_of
 
 if TYPE_CHECKING:

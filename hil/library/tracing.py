@@ -48,7 +48,7 @@ class Trace:
         """`bench` with the effects found declared, for the next run.  Raises InputError where there is nothing to add:
         only what is explained is declared.
         """
-        from hil.addition import additions
+        from hil.bench.addition import additions
 
         found = additions(self.diagnosis)
         if not found:

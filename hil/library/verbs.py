@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench import load_bench as bench_at
-from hil.comparison import Comparison
+from hil.bench.examples import find
 from hil.errors import InputError, printable
-from hil.examples import find
+from hil.errors.strict_toml import parse_table
 from hil.library.arrays import CALLED, Table, columns_of, write_capture
 from hil.library.asked import asked, require_consent
 from hil.library.campaign import Sweep
@@ -30,13 +30,13 @@ from hil.library.places import bench_file, folder_of, path_of, require
 from hil.library.series import Series
 from hil.library.tracing import Trace
 from hil.library.words import in_arguments_of, renamed, said_of_arguments
-from hil.next_step import PASSING
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
 from hil.records.listing import RUNS
 from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder, bench_of_record
-from hil.strict_toml import parse_table
+from hil.scoring.comparison import Comparison
+from hil.verdict.next_step import PASSING
 
 if TYPE_CHECKING:
     from estimator.backend import Backend
@@ -139,7 +139,7 @@ def replay(
     drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.
     mapping: the map that says which array is what.
     """
-    from hil.replaying import replay as replay_record
+    from hil.replaying.replay import replay as replay_record
 
     declared = _bench_for(record, bench)
     if isinstance(declared, RateSensorBench):
@@ -175,8 +175,8 @@ def trace(
     where something is left and a page is drawn.  also: effects to try that a trace tries on request only, a name or
     several.
     """
-    from hil.tracing import trace as trace_record
-    from hil.tracing import trace_file
+    from hil.tracing.trace import trace as trace_record
+    from hil.tracing.trace import trace_file
 
     require("fraction", fraction, Real | None, "a number")
     asked_for, place, watcher = _names("also", also), path_of("out", out), _watcher(progress)
@@ -243,7 +243,7 @@ def compare(
 def score(run: Run | Path | str, truth: Path | str) -> Run:
     """Compare a run with the truth that its emulated board wrote; figures are in `.result` then, and on the page."""
     from hil.report import write_report
-    from hil.scoring import score as compare
+    from hil.scoring.score import score as compare
 
     place, file = folder_of("run", run, "a Run or the path of its folder"), path_of("truth", truth)
     compare(place, file)
@@ -308,7 +308,7 @@ def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison
     """Two runs, or two traces, side by side: figures with the difference b − a and its uncertainty (95 %), and the keys
     of the bench files that differ.
     """
-    from hil.comparison import compare
+    from hil.scoring.comparison import compare
 
     return compare(folder_of("a", a), folder_of("b", b))
 

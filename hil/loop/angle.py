@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from hil.bench import Bench
-from hil.formula import formula_of
+from hil.inputs.formula import formula_of
 from hil.records.table import scored_from_s
-from hil.uncertainty import Sources
+from hil.verdict.uncertainty import Sources
 
 Number = Any  # a float, or an array (n,)
 

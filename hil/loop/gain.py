@@ -12,7 +12,7 @@ import numpy as np
 from estimator.core.library import LIBRARY as CORE
 from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix
-from hil.declared import board_dither_of, board_filter_of
+from hil.inputs.declared import board_dither_of, board_filter_of
 from hil.loop.blocks import BlockLoop
 from hil.loop.matrices import SentMatrices
 from hil.loop.native import LIBRARY, GainsState, Mode

@@ -13,8 +13,8 @@ from collections.abc import Mapping
 from estimator.core.layout import MAX_LATENCY
 from hil.bench import Bench
 from hil.bench.plausible import FASTEST_HZ, LARGEST_V
-from hil.declared import board_dither_of, board_filter_of, drive_limit_of, require_agreement
 from hil.errors import InputError
+from hil.inputs.declared import board_dither_of, board_filter_of, drive_limit_of, require_agreement
 from hil.loop.asked_again import differs
 from hil.wire import client
 from hil.wire.endpoint import Endpoint

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from hil.bench import Bench, override
-from hil.emulation import served
+from hil.boards.emulation import served
 from hil.errors import InputError
 from hil.loop.supervision import supervise, worker_process
 from hil.loop.worker import Order

@@ -19,7 +19,7 @@ import numpy as np
 from hil.bench import Bench
 from hil.bench.by_verb import require_usable
 from hil.bench.template import template, values_of
-from hil.emulation import Served, served
+from hil.boards.emulation import Served, served
 from hil.errors import InputError, told_to_user
 from hil.loop.stops import alarm_of
 from hil.loop.supervision import as_raised, supervise, worker_process
@@ -35,7 +35,7 @@ from hil.verdict.safety import judge_safety
 if TYPE_CHECKING:
     from hil.wire.wire_log import WireLog
 
-_SCAN = ("hil.closing_scan", "estimator.completeness.closing", "hil.records.summary", "hil.verdict.budget")
+_SCAN = ("hil.loop.closing_scan", "estimator.completeness.closing", "hil.records.summary", "hil.verdict.budget")
 _REPORT = ("hil.report", "matplotlib.figure", "matplotlib.backends.backend_svg")
 _VERSIONS = ("gyrohil", "numpy", "scipy", "pyarrow")
 
@@ -260,7 +260,7 @@ def _conclude(
     progress: Watcher,
 ) -> None:
     _load_beside(_REPORT if report else ())
-    from hil.closing_scan import scan_run, to_model
+    from hil.loop.closing_scan import scan_run, to_model
     from hil.records.result import Load
     from hil.records.summary import board_clock, summarise
     from hil.report import write_report

@@ -32,7 +32,7 @@ from hil.wire.links import open_link
 from hil.wire.messages import SafeReason
 
 if TYPE_CHECKING:
-    from hil.emulation import Served
+    from hil.boards.emulation import Served
 
 Begun = Callable[[Callable[[], None]], None]
 _ERRORS = {kind.__name__: kind for kind in (LinkClosed, LinkError, ProtocolError)}

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
-from hil.formula import formula_of
+from hil.inputs.formula import formula_of
 from hil.loop.angle import ReportedAngle
 from hil.records.board_estimates import board_estimates_layout
 from hil.records.capture import board_layout

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Estimates
 from hil.bench import Bench
-from hil.declared import drive_limit_of
+from hil.inputs.declared import drive_limit_of
 from hil.loop.angle import ReportedAngle
 from hil.loop.native import ALWAYS, NONE, BlocksState, Mode, Why
 from hil.loop.skeleton import BeyondLimits, Loop, Setup

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hil.bench import Bench
 from hil.errors import told_to_user
-from hil.exit_codes import ExitCode
-from hil.faults import kept_fault
+from hil.errors.exit_codes import ExitCode
+from hil.errors.faults import kept_fault
 from hil.loop import realtime
 from hil.loop.control import LOOKS_PER_S, Control
 from hil.loop.load import LoadMeter
@@ -127,7 +127,7 @@ def _loop(
     np.seterr(all="ignore")  # an observer that diverges is told by its numbers, not by NumPy
     tell(stage="prepare", done=0, total=0, note="")
     from estimator.observer import Observer
-    from hil.declared import board_device_of, controller_settings_of, observer_settings_of
+    from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
     from hil.loop.optional import unknown_parts
     from hil.loop.tracks import run_layouts
     from hil.records.recorder import record_apart, record_here

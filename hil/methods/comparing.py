@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from estimator.errors import ModelError
-from hil.addition import additions
 from hil.bench import Bench, override
+from hil.bench.addition import additions
 from hil.bench.by_verb import require_usable
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -28,8 +28,8 @@ from hil.records.methods import MethodRow, Methods, save_methods
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
-from hil.scoring import require_reach, require_same_run, truth_in
-from hil.tracing import called
+from hil.scoring.score import require_reach, require_same_run, truth_in
+from hil.tracing.trace import called
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from hil.coverage import COVERAGE
 from hil.errors import InputError
 from hil.records.capture import Capture
+from hil.records.coverage import COVERAGE
 from hil.records.methods import MethodKind, MethodRow
 from hil.records.truth import Truth
 

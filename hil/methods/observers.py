@@ -11,13 +11,13 @@ from estimator.observer import Estimates, Observer
 from estimator.rotation import Rotation
 from estimator.scaling import Array
 from hil.bench import Bench, override
-from hil.captured import gaps_of
-from hil.declared import observer_settings_of, recorded_device_of
+from hil.errors.strict_toml import parse_table
+from hil.inputs.captured import gaps_of
+from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.loop.angle import ReportedAngle
 from hil.methods.course import DAMPING, STIFFNESS, Course
 from hil.methods.record import Given
 from hil.records.methods import MethodKind
-from hil.strict_toml import parse_table
 
 STATES = {"sense": 7, "gyro": 11, "full": 13}
 GAINS = ("stationary", "ekf", "fading")

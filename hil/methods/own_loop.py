@@ -18,9 +18,9 @@ import numpy as np
 from estimator.observer import Observer
 from estimator.prior_art.park_horowitz import ParkHorowitz
 from hil.bench import Bench, override
-from hil.declared import board_device_of, controller_settings_of, observer_settings_of
-from hil.emulation import is_emulated, located, served
+from hil.boards.emulation import is_emulated, located, served
 from hil.errors import InputError
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.preflight import configure, require_suitable
 from hil.methods.course import DAMPING, STIFFNESS, Course, Reference, parameters_of
 from hil.methods.observers import with_observer

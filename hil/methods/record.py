@@ -7,12 +7,12 @@ from estimator.gaps import Drives
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from hil.bench import Bench
-from hil.captured import Samples, control_of, drives_of, samples_of
-from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
+from hil.inputs.captured import Samples, control_of, drives_of, samples_of
+from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.records.capture import Capture, read_capture
 from hil.records.table import scored_from_s
-from hil.replaying import require_fit
+from hil.replaying.replay import require_fit
 
 
 @dataclass(frozen=True)

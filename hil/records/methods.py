@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hil.coverage import COVERAGE
 from hil.errors import InputError
 from hil.records import json_file
+from hil.records.coverage import COVERAGE
 
 MethodKind = Literal["observer", "traced", "prior art", "bound"]
 

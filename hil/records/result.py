@@ -6,9 +6,9 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from hil.coverage import COVERAGE
 from hil.numbers import percent
 from hil.records import json_file
+from hil.records.coverage import COVERAGE
 from hil.records.setting import Setting
 
 _SPACE = "\N{NO-BREAK SPACE}"

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.emulation import shown
+from hil.boards.emulation import shown
 from hil.errors import InputError
 from hil.numbers import significant
 from hil.records.result import Result

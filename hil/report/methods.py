@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from hil.next_step import after_comparison
 from hil.numbers import quantity, relative, significant
 from hil.records.atomic import write_text
 from hil.records.methods import MethodKind, MethodRow, Methods
@@ -19,6 +18,7 @@ from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
 from hil.report.theme import FIRST, INK, MUTED, SECOND, new_figure
 from hil.report.verdict import Headline
+from hil.verdict.next_step import after_comparison
 
 Floats = npt.NDArray[np.float64]
 HEAD = (

@@ -184,7 +184,7 @@ def device(material: Material) -> str:
     """What the bench file's numbers come to; nothing for one that this version does not read, or of a rate sensor."""
     from hil.bench import Bench
     from hil.bench.derived import derived
-    from hil.strict_toml import parse_table
+    from hil.errors.strict_toml import parse_table
 
     try:
         bench = parse_table(material.folder.bench, Bench, "bench.toml")

@@ -1,7 +1,7 @@
 """The angle's uncertainty budget on the page."""
 
-from hil.coverage import COVERAGE
 from hil.numbers import magnitude, quantity, together
+from hil.records.coverage import COVERAGE
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
 

@@ -6,9 +6,9 @@ A name is looked up in a list, and never made into a path.
 from pathlib import Path
 from typing import Literal
 
-from hil import examples
+from hil.bench import examples
 from hil.errors import InputError
-from hil.strict_toml import suggestion
+from hil.errors.strict_toml import suggestion
 
 Kind = Literal["bench", "scenario", "map", "campaign"]
 

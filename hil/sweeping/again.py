@@ -13,7 +13,7 @@ from hil.progress import Watcher
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.report import write_report
-from hil.scoring import score
+from hil.scoring.score import score
 from hil.sweeping.figures import schema
 from hil.sweeping.initial_values import with_drawn_initial_values
 from hil.sweeping.kept import read_rows

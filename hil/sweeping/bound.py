@@ -34,7 +34,7 @@ def least_deviation(
     """
     from estimator.bound import posterior_bound
     from estimator.observer import Observer
-    from hil.declared import observer_settings_of, recorded_device_of
+    from hil.inputs.declared import observer_settings_of, recorded_device_of
 
     capture, estimates = folder.capture, folder.estimates
     if capture is None or estimates is None or not len(estimates):

@@ -7,7 +7,7 @@ from pydantic import BeforeValidator, Field, model_validator
 
 from hil.bench.loop import RunName
 from hil.bench.section import Section, as_tuple
-from hil.strict_toml import parse_table, read_table
+from hil.errors.strict_toml import parse_table, read_table
 
 Value = float | int | bool | str
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]

@@ -33,8 +33,8 @@ def main() -> int:
     sys.excepthook = fault
     from estimator.side_by_side import one_worker_each
     from hil.errors import told_to_user
-    from hil.exit_codes import ExitCode
-    from hil.faults import fault_line
+    from hil.errors.exit_codes import ExitCode
+    from hil.errors.faults import fault_line
     from hil.sweeping.tasks import Task, carrier_of
 
     one_worker_each()

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hil.nees import band
+from hil.scoring.nees import band
 from hil.sweeping.figures import STATES
 
 if TYPE_CHECKING:

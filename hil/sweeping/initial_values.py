@@ -25,7 +25,7 @@ def with_drawn_initial_values(bench: Bench, scenario: Path, place: Path) -> Benc
     Raises InputError where the model has a single axis.
     """
     from estimator.observer import Observer
-    from hil.declared import device_of, observer_settings_of
+    from hil.inputs.declared import device_of, observer_settings_of
 
     if bench.device.axes != 2:
         raise InputError("[each] drawn_initial: needs a bench of two axes; leave it out")

@@ -15,12 +15,12 @@ import numpy as np
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.errors import InputError
-from hil.nees import nees
 from hil.records.atomic import write_sealed
 from hil.records.result import Result, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
-from hil.scoring import (
+from hil.scoring.nees import nees
+from hil.scoring.score import (
     angle_error_rad,
     estimation_error_rad,
     rate_error_rad_s,
@@ -231,8 +231,8 @@ def _bound(run: RunFolder, truth: Truth, bench: Bench, scenario: str) -> Row:
 
 def _traced(run: RunFolder, bench: Bench, place: Path) -> tuple[Row, Bench | None]:
     """What a trace says, and the bench with what it explained."""
-    from hil.addition import additions
-    from hil.tracing import trace_file
+    from hil.bench.addition import additions
+    from hil.tracing.trace import trace_file
 
     try:
         done = trace_file(

@@ -9,11 +9,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from hil import examples
-from hil.bench import Bench, load_bench, make_way
+from hil.bench import Bench, examples, load_bench, make_way
 from hil.bench.toml import toml_key, toml_value
 from hil.errors import InputError
-from hil.strict_toml import parse_table, read_table, suggestion
+from hil.errors.strict_toml import parse_table, read_table, suggestion
 from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.keys import Table, parts_of, plain, put, value_at

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from hil.records.estimates import Estimates
 from hil.records.truth import Truth
-from hil.scoring import Window, angle_error_rad, pattern_angle_rad
+from hil.scoring.score import Window, angle_error_rad, pattern_angle_rad
 
 Floats = npt.NDArray[np.float64]
 _HARMONICS = 2  # of 2θ: 2θ and 4θ

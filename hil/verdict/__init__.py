@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from hil.bench import Bench, load_bench
-from hil.emulation import is_emulated
+from hil.boards.emulation import is_emulated
 from hil.records.lateness import lateness_of
 from hil.records.result import Holds, Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder

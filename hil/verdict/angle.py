@@ -3,7 +3,7 @@
 import numpy as np
 
 from hil.bench import Bench
-from hil.formula import formula_of
+from hil.inputs.formula import formula_of
 from hil.numbers import percent, quantity
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder

@@ -1,7 +1,8 @@
 """The angle's uncertainty budget, after JCGM 100 (GUM): one row a source, at the end of the scored window.
 
-The sources and what they contribute as declared are those of every row of the estimates (`hil.uncertainty`).  The scan
-that closes a run adds what its record says: what it leaves of each constant, what nobody declared, what is lacking.
+The sources and what they contribute as declared are those of every row of the estimates (`hil.verdict.uncertainty`).
+The scan that closes a run adds what its record says: what it leaves of each constant, what nobody declared, what is
+lacking.
 """
 
 import math
@@ -14,12 +15,12 @@ import numpy as np
 from estimator.uncertainty import Course
 from hil.bench import Bench
 from hil.bench.calibration import SYMBOLS
-from hil.coverage import COVERAGE
-from hil.formula import formula_of
+from hil.inputs.formula import formula_of
 from hil.numbers import quantity, significant
+from hil.records.coverage import COVERAGE
 from hil.records.estimates import Estimates
 from hil.records.result import Angle, Contribution, Lacking, Scan
-from hil.uncertainty import DAMPING, ESTIMATION, Sources, source_of
+from hil.verdict.uncertainty import DAMPING, ESTIMATION, Sources, source_of
 
 if TYPE_CHECKING:
     from estimator.completeness.information import Information

@@ -12,7 +12,7 @@ import numpy as np
 
 from estimator.core.layout import MAX_LATENCY
 from hil.bench import Bench
-from hil.emulation import is_emulated
+from hil.boards.emulation import is_emulated
 from hil.records.lateness import Lateness
 from hil.records.result import Holds
 from hil.records.setting import Setting

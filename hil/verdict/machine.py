@@ -8,7 +8,7 @@ import shlex
 from collections.abc import Collection, Mapping
 
 from hil.bench import Bench
-from hil.emulation import is_emulated
+from hil.boards.emulation import is_emulated
 from hil.numbers import count, counted, percent, times
 from hil.records.lateness import Lateness
 from hil.records.result import Answers, Load, Part, Result

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 from hil.bench import Bench
 from hil.records.result import Contribution
-from hil.uncertainty import DAMPING, ESTIMATION
 from hil.verdict.budget import LACKING, UNDECLARED
+from hil.verdict.uncertainty import DAMPING, ESTIMATION
 
 _TURNED = 2e-3
 """Of the resonance, rad/s: about the virtual rotation of the examples."""

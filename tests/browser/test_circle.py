@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 import hil
-from hil.examples import find
+from hil.bench.examples import find
 from tests.browser.bench_page import BenchPage
 from tests.service.serving import Serving, serving
 

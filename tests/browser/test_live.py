@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from hil.emulation import emulator
-from hil.examples import find
+from hil.bench.examples import find
+from hil.boards.emulation import emulator
 from tests.browser.bench_page import BOARD, LOCKSTEP, PATIENT, BenchPage
 from tests.service.serving import Serving
 

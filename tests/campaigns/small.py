@@ -3,7 +3,7 @@
 from copy import deepcopy
 from typing import Any
 
-from hil.strict_toml import parse_table
+from hil.errors.strict_toml import parse_table
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import Plan, plan_of
 

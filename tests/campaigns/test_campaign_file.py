@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm, qmc
 
-from hil import examples
+from hil.bench import examples
 from hil.errors import InputError
 from hil.sweeping.keys import plain, put, value_at
 from hil.sweeping.plan import read_plan, toml_of

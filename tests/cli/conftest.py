@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from hil import cli, examples
+from hil import cli
+from hil.bench import examples
 from tests.made_once import made_once
 
 Hil = Callable[..., tuple[int, str, str]]

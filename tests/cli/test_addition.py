@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from hil.addition import Addition, add_effects, write_custom
 from hil.bench import load_bench
-from hil.emulation import located
+from hil.bench.addition import Addition, add_effects, write_custom
+from hil.bench.examples import find
+from hil.boards.emulation import located
 from hil.errors import InputError
-from hil.examples import find
 
 CUBIC = Addition("cubic_stiffness", "found in ride", {"k3x": (9.97e12, "± 2e10 1/(m²·s²)"), "k3y": (3e12, "")})
 LINE = Addition("interference:2", "", {"lcx": (1e-9, "m"), "omega": (311.0, "rad/s")})

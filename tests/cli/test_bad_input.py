@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from device_emulator.section import ScenarioError
+from hil.bench.examples import find
 from hil.cli import execute
-from hil.examples import find
 from hil.wire.links import open_link
 from tests.cli.conftest import Hil
 from tests.cli.test_errors import refused

@@ -5,12 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from hil import examples
-from hil.bench import Bench, load_bench, override
+from hil.bench import Bench, examples, load_bench, override
 from hil.bench.template import missing, template, values_of
 from hil.bench.text import json_schema, reference
 from hil.errors import InputError
-from hil.strict_toml import parse_table
+from hil.errors.strict_toml import parse_table
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 

@@ -6,8 +6,7 @@ import sys
 import pytest
 
 from estimator.trace.separation import Turn
-from hil import examples
-from hil.bench import Bench, load_bench
+from hil.bench import Bench, examples, load_bench
 from hil.cli import consent
 from hil.errors import InputError
 

@@ -5,15 +5,15 @@ from typing import Any
 
 import pytest
 
-from hil import cli, demo, examples
-from hil.bench import load_bench
+from hil import cli, demo
+from hil.bench import examples, load_bench
+from hil.doctor.started import Started, after_late
 from hil.loop import run as loop_run
 from hil.records.diagnosis import Coefficient, Effect
 from hil.records.result import Answers, Part, Result, load_result, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.setting import Setting
 from hil.report import page
-from hil.started import Started, after_late
 from tests.cli.diagnoses import explained, save_trace
 from tests.loop import gyro
 

@@ -6,10 +6,11 @@ from typing import Any
 
 import pytest
 
-from hil import demo, tracing
+from hil import demo
 from hil.records.diagnosis import Coefficient, Effect
 from hil.report import page
-from hil.tracing import Traced
+from hil.tracing import trace as tracing
+from hil.tracing.trace import Traced
 from tests.cli.diagnoses import explained
 
 pytestmark = pytest.mark.slow

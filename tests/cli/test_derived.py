@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil import examples
-from hil.bench import Bench, load_any_bench, load_bench
+from hil.bench import Bench, examples, load_any_bench, load_bench
 from hil.bench.derived import derived, figures_of
 from hil.bench.improbable import questions
 from hil.bench.template import template, values_of

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hil import examples
+from hil.bench import examples
 from hil.cli.app import app
 from hil.errors import InputError
 from tests.cli.conftest import Hil
@@ -114,8 +114,8 @@ def refused_by_board(answer: tuple[int, str, str]) -> str:
 def start_up(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """A board that starts as it does, and one that takes longer than usual."""
     if request.param is not None:
-        monkeypatch.setattr("hil.emulation._USUAL_S", request.param)
-        monkeypatch.setattr("hil.emulation._TOLD_S", 0.05)
+        monkeypatch.setattr("hil.boards.emulation._USUAL_S", request.param)
+        monkeypatch.setattr("hil.boards.emulation._TOLD_S", 0.05)
 
 
 @pytest.mark.slow

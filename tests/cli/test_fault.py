@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from hil import cli, exit_codes, faults
-from hil.faults import fault_line, is_fault, kept_fault
+from hil import cli
+from hil.errors import exit_codes, faults
+from hil.errors.faults import fault_line, is_fault, kept_fault
 from tests.cli.conftest import Hil
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference" / "cli.md"
@@ -22,7 +23,7 @@ def test_a_fault_is_one_line_and_its_traceback_a_file(
     hil: Hil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("hil.examples.find", broken)
+    monkeypatch.setattr("hil.bench.examples.find", broken)
     code, out, err = hil("sweep", "s-slow-noise", "--dry-run")
     assert (code, out) == (3, "")
     assert err.count("\n") == 1

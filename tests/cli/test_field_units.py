@@ -13,7 +13,7 @@ from hil.bench import Bench, load_bench, override
 from hil.bench.field_units import FIELD_UNITS, other_key
 from hil.bench.template import missing, put_in, template, values_of
 from hil.bench.text import json_schema, keys, sections
-from hil.strict_toml import parse_table
+from hil.errors.strict_toml import parse_table
 from tests.cli.conftest import Hil
 from tests.cli.test_bench_file import MINIMAL, bench_file, complaint
 from tests.cli.test_errors import refused

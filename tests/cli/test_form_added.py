@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from hil.addition import add_form
 from hil.bench import load_bench
-from hil.examples import find
+from hil.bench.addition import add_form
+from hil.bench.examples import find
 from hil.records.diagnosis import MissingForce
 from tests.cli.conftest import WAIT_S, Start, finished, in_lockstep
 

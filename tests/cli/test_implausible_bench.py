@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hil import examples
-from hil.bench import Bench
+from hil.bench import Bench, examples
 from hil.bench.bench import load_any_bench
 from tests.cli.test_bench_file import MINIMAL, complaint
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.interruption import interrupt
+from hil.errors.interruption import interrupt
 
 LOSES_IT = """
 import os, time

@@ -5,9 +5,9 @@ from typing import Any
 
 import pytest
 
-from hil.next_step import PASSING, after_comparison, after_trace
 from hil.records.diagnosis import Coefficient, Confusable, Diagnosis, FormTerm, MissingForce
 from hil.records.methods import MethodRow, Methods
+from hil.verdict.next_step import PASSING, after_comparison, after_trace
 from tests.cli.diagnoses import explained
 
 

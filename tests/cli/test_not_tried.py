@@ -4,7 +4,7 @@ import pytest
 
 from estimator.effects.catalogue import EFFECTS
 from estimator.settings import Device
-from hil.also import effects_asked, not_tried
+from hil.tracing.also import effects_asked, not_tried
 
 TWO = Device(4000.0, (1.6e6, 1.6e6, 0.0), (1.0, 1.0, 0.0), 1e-4, (-890.0, -890.0), (1e-4, 1e-4))
 ONE = Device(4000.0, (1.6e6,), (1.0,), 1e-4, (-890.0,), (1e-4,))

@@ -6,9 +6,10 @@ from typing import Any
 import pytest
 
 import hil as library
-from hil import replaying, tracing
 from hil.errors import InputError
 from hil.methods import comparing
+from hil.replaying import replay as replaying
+from hil.tracing import trace as tracing
 from tests.cli.conftest import Hil, in_lockstep
 from tests.cli.test_errors import refused
 from tests.records.synthetic_run import Options, write_run

@@ -12,11 +12,11 @@ import pytest
 
 from estimator.observer import Observer
 from hil.bench import Bench, load_bench, override
+from hil.bench.examples import directory, find
 from hil.bench.template import template, values_of
-from hil.declared import device_of, observer_settings_of
 from hil.errors import InputError
-from hil.examples import directory, find
-from hil.own_effects import own_effects, packaged
+from hil.inputs.declared import device_of, observer_settings_of
+from hil.inputs.own_effects import own_effects, packaged
 from tests.cli.conftest import Hil, in_lockstep
 
 PACKAGE = directory() / "cubic-coupling"

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from hil import examples
-from hil.emulation import emulator
+from hil.bench import examples
+from hil.boards.emulation import emulator
 from hil.errors import InputError
 from hil.numbers import count
 from hil.records.capture import read_capture

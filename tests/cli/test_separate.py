@@ -9,12 +9,12 @@ import pytest
 
 from estimator.trace.separation import EXPERIMENTS, Experiment, Turn, turn_for
 from hil.bench import Bench, load_bench, override
+from hil.bench.examples import find
 from hil.cli.show_diagnosis import print_diagnosis
 from hil.cli.trace import _announced, _separated
 from hil.errors import InputError
-from hil.examples import find
 from hil.records.diagnosis import Confusable, Diagnosis
-from hil.separate import Asked, asked_for, changes, duration_for, named, separable, separate, within_reach
+from hil.tracing.separate import Asked, asked_for, changes, duration_for, named, separable, separate, within_reach
 from tests.cli.diagnoses import explained
 
 
@@ -54,8 +54,8 @@ def made(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Any:
         def trace(*given: Any, **named: Any) -> Any:
             return SimpleNamespace(diagnosis=then[min(len(benches), len(then)) - 1])
 
-        monkeypatch.setattr("hil.separate.run", run_of)
-        monkeypatch.setattr("hil.separate.trace", trace)
+        monkeypatch.setattr("hil.tracing.separate.run", run_of)
+        monkeypatch.setattr("hil.tracing.separate.trace", trace)
         done = separate(
             first, of, "inproc:none", Path("runs"), fraction=None, before_run=asked.append, progress=lambda _: None
         )
@@ -165,8 +165,8 @@ def test_a_record_that_is_refused_is_kept_and_the_amplitude_left_alone(
             raise InputError("capture.arrow: the board flagged 1% of the samples as clipped")
         return SimpleNamespace(folder=Path("trace"), diagnosis=alike("amplitude"))
 
-    monkeypatch.setattr("hil.separate.run", run_of)
-    monkeypatch.setattr("hil.separate.trace", trace)
+    monkeypatch.setattr("hil.tracing.separate.run", run_of)
+    monkeypatch.setattr("hil.tracing.separate.trace", trace)
     monkeypatch.setattr("hil.cli.consent.have_it_turned", lambda turn: None)
     traced: Any = SimpleNamespace(diagnosis=alike("amplitude"))
     last = _separated(traced, bench, "inproc:none", Path("runs"), None, ())
@@ -235,7 +235,7 @@ def test_what_tells_a_pair_apart_is_said(capsys: pytest.CaptureFixture[str]) -> 
 def test_where_no_run_of_the_bench_is_long_enough_it_is_said_which_would_be(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("hil.separate.run", lambda *given, **named: pytest.fail("nothing is to be armed"))
+    monkeypatch.setattr("hil.tracing.separate.run", lambda *given, **named: pytest.fail("nothing is to be armed"))
     takes = 10.0 * bench.loop.duration_s
     traced: Any = SimpleNamespace(diagnosis=alike("amplitude", "modulate the amplitude", takes_s=takes))
     assert _separated(traced, bench, "inproc:none", Path("runs"), None, ()) is traced

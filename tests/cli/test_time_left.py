@@ -8,7 +8,7 @@ import pytest
 
 from hil.cli.progress import watching
 from hil.progress import Progress
-from hil.time_left import TimeLeft, in_words
+from hil.tracing.time_left import TimeLeft, in_words
 
 
 class Clock:

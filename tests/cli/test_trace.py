@@ -9,11 +9,11 @@ import pytest
 from estimator.errors import ModelError
 from estimator.trace import tracing
 from estimator.trace.problem import Problem
-from hil.also import effects_asked
 from hil.bench import load_bench
-from hil.declared import device_of
+from hil.bench.examples import find
 from hil.errors import InputError
-from hil.examples import find
+from hil.inputs.declared import device_of
+from hil.tracing.also import effects_asked
 from tests.cli.conftest import Hil, in_lockstep
 
 RATE = 4000.0

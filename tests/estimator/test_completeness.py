@@ -23,7 +23,7 @@ from estimator.settings import ControllerSettings
 from estimator.trace.problem import Problem
 from estimator.trace.scan import COURSE, PARTS, scan
 from estimator.trace.separation import EXPERIMENTS, loop_record
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.declared import device_of, observer_settings_of
 from tests.estimator.test_scan import DEVICE, SETTINGS
 
 SETTLE_S = 5.0

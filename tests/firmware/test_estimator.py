@@ -22,7 +22,7 @@ from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
 from hil.records.units import unit_of
 from hil.report.page import render
-from hil.scoring import score
+from hil.scoring.score import score
 from hil.wire import client
 from hil.wire.can_format import HOST, CanFormat
 from hil.wire.key_file import make_key

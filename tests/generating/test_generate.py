@@ -12,9 +12,9 @@ import pytest
 import hil
 from estimator.observer import Observer
 from hil.bench import load_bench, override
-from hil.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.errors import InputError
 from hil.generating.golden import golden
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import _assumed
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

@@ -16,9 +16,10 @@ from scipy.sparse import csc_array
 from device_emulator.rate import FromFile, pieces
 from device_emulator.scenario import ScenarioError, load
 from hil.bench.bench import Bench
+from hil.bench.examples import find
 from hil.cli.files import fresh
 from hil.errors import InputError
-from hil.examples import find
+from hil.errors.strict_toml import parse_table, read_table
 from hil.interchange.exported import tables_of
 from hil.interchange.importer import import_file
 from hil.records.blocks import scan_blocks
@@ -29,7 +30,6 @@ from hil.records.json_file import load as load_json
 from hil.records.listing import listed
 from hil.records.result import Result
 from hil.service.catalogue.entry import read_entry
-from hil.strict_toml import parse_table, read_table
 from tests.interchange.written import T_S, X_V
 
 PLAIN = "t_s,vx_V\n" + "".join(f"{t},{v}\n" for t, v in zip(T_S, X_V, strict=True))

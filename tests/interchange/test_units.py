@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from hil.bench import RateSensorBench, load_any_bench, load_bench
-from hil.envelope import trace_ring_down
 from hil.errors import InputError
 from hil.interchange.importer import import_file
-from hil.rate_sensor import trace_rate_sensor
 from hil.records.capture import read_capture
-from hil.replaying import require_fit
+from hil.replaying.replay import require_fit
+from hil.tracing.envelope import trace_ring_down
+from hil.tracing.rate_sensor import trace_rate_sensor
 
 INSTRUMENTS = Path(__file__).parents[3] / "shared" / "cases" / "instruments"
 needs_cases = pytest.mark.skipif(not INSTRUMENTS.exists(), reason="the cases are not beside the checkout")

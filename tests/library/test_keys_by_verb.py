@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 
 import hil.methods.comparing as comparing
-import hil.replaying as replaying
-import hil.tracing as tracing
+import hil.replaying.replay as replaying
+import hil.tracing.trace as tracing
 from hil.bench import Bench
 from hil.bench.by_verb import NOT_OF, Verb, require_usable
 from hil.bench.section import Section

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import hil
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
 from hil.records.capture import read_capture
 from hil.wire.messages import SafeReason
 from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from benchmarks import readme
-from hil import examples
+from hil.bench import examples
 from hil.errors import InputError
 from tests.cli.conftest import in_lockstep
 

@@ -21,7 +21,7 @@ from device_emulator.scenario import load
 from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.clock import ClockExchanges
 from hil.loop.preflight import configure
 from hil.loop.skeleton import Counters

@@ -4,8 +4,7 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-from hil import examples
-from hil.bench import Bench, load_bench, override
+from hil.bench import Bench, examples, load_bench, override
 from hil.bench.template import template, values_of
 from hil.bench.toml import toml_value
 

@@ -10,7 +10,7 @@ from hil.loop.run import run
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
-from hil.scoring import angle_error_rad, score, scored_window
+from hil.scoring.score import angle_error_rad, score, scored_window
 from hil.verdict.remedies import remedy
 from tests.loop import gyro
 

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 import hil
-from hil import examples
-from hil.bench import load_bench, override
-from hil.emulation import emulator, located, shown
+from hil.bench import examples, load_bench, override
+from hil.boards.emulation import emulator, located, shown
 from hil.errors import InputError
 from hil.loop.run import run
 from hil.progress import untold

@@ -9,8 +9,8 @@ import re
 import numpy as np
 import pytest
 
-from hil import started
 from hil.bench import Bench, override
+from hil.doctor import started
 from hil.errors import InputError
 from hil.loop.preflight import require_suitable
 from hil.records.lateness import Lateness

@@ -13,10 +13,10 @@ from device_emulator.truth import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import override
 from hil.loop.tracks import column_of
-from hil.nees import nees
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
-from hil.replaying import replay
+from hil.replaying.replay import replay
+from hil.scoring.nees import nees
 from hil.wire.inproc import InprocLink
 from hil.wire.messages import ClockMode
 from tests.loop import gyro

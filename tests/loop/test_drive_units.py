@@ -17,7 +17,8 @@ from estimator.gain_matrix import GainMatrix
 from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.bench.template import template, values_of
-from hil.declared import (
+from hil.errors import InputError
+from hil.inputs.declared import (
     board_device_of,
     board_filter_of,
     controller_settings_of,
@@ -25,14 +26,13 @@ from hil.declared import (
     observer_settings_of,
     recorded_device_of,
 )
-from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.loop import preflight
 from hil.loop.live_settings import LiveSettings, with_settings
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
-from hil.replaying import replay
+from hil.replaying.replay import replay
 from hil.wire.messages import Identity
 from tests.loop import gyro
 from tests.loop.closed import close_loop, waiting

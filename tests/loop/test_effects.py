@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from hil.bench import load_bench, override
-from hil.examples import find
+from hil.bench.examples import find
 from hil.loop.run import run
 from hil.records.result import Result
-from hil.scoring import score
+from hil.scoring.score import score
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]  # whole runs, of which no page is looked at
 

@@ -7,7 +7,7 @@ import pytest
 
 from device_emulator.scenario import load
 from hil.bench import Bench
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result

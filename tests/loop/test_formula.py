@@ -6,10 +6,10 @@ from typing import Any
 import pytest
 
 from hil.bench import Bench
-from hil.formula import formula_of
+from hil.inputs.formula import formula_of
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
-from hil.scoring import score
+from hil.scoring.score import score
 from tests.loop import gyro
 
 K = 1579.1367  # N/m: 200 Hz with 1 g

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 from hil.bench import load_bench
-from hil.examples import find
+from hil.bench.examples import find
 
 HEAVY = ("numba", "llvmlite", "sympy", "scipy", "pandas", "matplotlib", "filterpy")
 DRIVEN = """

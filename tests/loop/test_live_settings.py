@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, load_bench
+from hil.bench.examples import find
 from hil.errors import InputError
-from hil.examples import find
 from hil.loop.live_settings import at_once, in_force, with_settings
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.capture import read_capture
 from hil.records.changes import note_change, read_changes
 from hil.records.runfolder import RunFolder
-from hil.replaying import replay
+from hil.replaying.replay import replay
 from tests.loop.test_replay import assert_same
 
 RATE = 4000  # of S-slow, samples a second

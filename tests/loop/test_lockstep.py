@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Observer
 from hil.bench import Bench, override
-from hil.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.preflight import configure
 from hil.loop.run import run
 from hil.records.recorder import record_here
@@ -86,7 +86,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     scenario = gyro.scenario(place / "board.toml")
     with pytest.MonkeyPatch.context() as patch:  # what `_strict` and `no_scan` do, for all of this module
         patch.setenv("PYTHONWARNINGS", "error")
-        patch.setattr("hil.closing_scan.scan_run", lambda *_: None)
+        patch.setattr("hil.loop.closing_scan.scan_run", lambda *_: None)
         folder = run(DECLARED, f"inproc:{scenario}", place / "runs", report=False, progress=lambda _: None).folder
     assert folder is not None
     return RunFolder(folder).capture_path.read_bytes()

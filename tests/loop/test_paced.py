@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
 from hil.records.capture import RowFlag
 from hil.records.truth import Truth, read_truth
 from hil.wire.messages import SafeReason

@@ -10,8 +10,8 @@ import pytest
 from estimator.core.layout import MAX_LATENCY
 from hil.bench import Bench, override
 from hil.bench.plausible import FASTEST_HZ, LARGEST_V
-from hil.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.errors import InputError
+from hil.inputs.declared import board_dither_of, board_filter_of, drive_limit_of
 from hil.loop import preflight
 from hil.loop.preflight import (
     configure,

@@ -6,16 +6,15 @@ import numpy as np
 import pytest
 
 from estimator.backend import Backend
-from hil import examples
-from hil.bench import Bench, load_bench
-from hil.captured import drives_of, samples_of
-from hil.declared import device_of
+from hil.bench import Bench, examples, load_bench
 from hil.errors import InputError
+from hil.inputs.captured import drives_of, samples_of
+from hil.inputs.declared import device_of
 from hil.interchange.importer import import_record
 from hil.records.estimates import Estimates
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
-from hil.replaying import replay
+from hil.replaying.replay import replay
 from hil.wire.messages import ClockMode
 from tests.loop import gyro
 from tests.loop.closed import HandPaced, board, close_loop, waiting

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil.bench import Bench
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
 from hil.errors import InputError
 from hil.loop.run import RunResult, run
 from hil.loop.supervision import worker_process

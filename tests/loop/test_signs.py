@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.observer import Observer
-from hil.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.opening import Opening
 from hil.loop.preflight import configure
 from hil.loop.run import run

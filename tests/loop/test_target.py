@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hil.bench import load_bench, override
-from hil.examples import find
+from hil.bench.examples import find
 from hil.loop.run import run
 from hil.records.capture import read_capture
-from hil.scoring import score
+from hil.scoring.score import score
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report", "no_scan")]  # a whole run
 

@@ -207,7 +207,7 @@ from hil.wire.endpoint import Endpoint
 from hil.wire.pty_link import open_pty
 from hil.wire.serial_link import open_serial
 from estimator.observer import Observer
-from hil.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from tests.loop.misbehaving import Board
 
 class Silent(Board):

@@ -7,15 +7,14 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil import examples
-from hil.bench import Bench, load_bench, override
+from hil.bench import Bench, examples, load_bench, override
 from hil.bench.toml import toml_value
 from hil.errors import InputError
 from hil.loop.preflight import require_suitable
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
-from hil.replaying import replay
-from hil.tracing import trace
+from hil.replaying.replay import replay
+from hil.tracing.trace import trace
 from tests.loop.closed import angle_errors, close_loop, waiting
 from tests.loop.misbehaving import Board
 from tests.loop.test_force_loop import innovation_ratio

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import pytest
 
 import hil
+from hil.bench.examples import find
 from hil.cli import execute
-from hil.examples import find
 from hil.records.methods import load_methods
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]

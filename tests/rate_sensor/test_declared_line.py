@@ -15,8 +15,8 @@ from estimator.rate_sensor.agreement import Line, against
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import SensorDiagnosis, alternate_blocks, trace_sensor
+from hil.bench.ratio import slip
 from hil.errors import InputError
-from hil.ratio import slip
 
 FULL = 100.0 * math.pi / 180.0
 DECLARED = Range(FULL, 2.0)

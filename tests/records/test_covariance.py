@@ -10,11 +10,11 @@ from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
 from hil.errors import InputError
-from hil.nees import band, nees, normalised_squares
 from hil.records.covariance import covariance_layout, packed, read_covariance
 from hil.records.estimates import estimates_layout, read_estimates
 from hil.records.recorder import record_here
 from hil.records.truth import read_truth
+from hil.scoring.nees import band, nees, normalised_squares
 from tests.records.synthetic_run import write_truth
 
 NAMES, UNITS = ("x_m", "rate_rad_s", "kxx_per_s2"), ("m", "rad/s", "1/s²")

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.captured import drives_of, samples_of
 from hil.errors import InputError
+from hil.inputs.captured import drives_of, samples_of
 from hil.interchange.importer import import_record
 from hil.interchange.uniformity import numbered
 from hil.records.capture import Capture, RowFlag

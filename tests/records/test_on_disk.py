@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hil import examples
-from hil.bench import load_bench
+from hil.bench import examples, load_bench
 from hil.loop.run import Interrupted, conclude
 from hil.progress import Progress
 from hil.records.direct import on_disk

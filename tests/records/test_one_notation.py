@@ -14,7 +14,7 @@ from hil.cli.show_diagnosis import print_diagnosis
 from hil.records.diagnosis import to_model
 from hil.records.result import Parameter, load_result, save_result
 from hil.report import write_report
-from hil.scoring import score
+from hil.scoring.score import score
 from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import answer, written
 

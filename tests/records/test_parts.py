@@ -5,8 +5,8 @@ import pytest
 
 from estimator.record import Record
 from estimator.settings import Device
-from hil.parts import Part, moving, parts_of, sample_of
 from hil.records.capture import Capture
+from hil.tracing.parts import Part, moving, parts_of, sample_of
 
 RATE = 1000.0
 DEVICE = Device(

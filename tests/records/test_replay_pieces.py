@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import hil.records.blocks
-from hil.captured import pieces_of_samples, samples_of
+from hil.inputs.captured import pieces_of_samples, samples_of
 from hil.records.capture import Capture
-from hil.replaying import _parts
+from hil.replaying.replay import _parts
 
 EVERY, STRIDE = 5, 60
 

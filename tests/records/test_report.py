@@ -23,7 +23,7 @@ from hil.report.figures import pattern
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.material import Material
 from hil.report.theme import drawing_style
-from hil.scoring import score
+from hil.scoring.score import score
 from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import answer
 
@@ -383,7 +383,7 @@ def test_white_noise_has_the_density_the_floor_is_drawn_at():
 
 def test_importing_the_report_does_not_import_matplotlib():
     program = (
-        "import sys, hil.report, hil.scoring\n"
+        "import sys, hil.report, hil.scoring.score\n"
         "print(sorted({'matplotlib', 'scipy'} & {name.split('.')[0] for name in sys.modules}))"
     )
     assert subprocess.run([sys.executable, "-c", program], capture_output=True, check=True).stdout == b"[]\n"

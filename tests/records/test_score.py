@@ -11,7 +11,7 @@ from hil.errors import InputError
 from hil.records.estimates import read_estimates
 from hil.records.result import load_result
 from hil.records.truth import read_truth
-from hil.scoring import (
+from hil.scoring.score import (
     angle_error_rad,
     estimation_error_rad,
     pattern_angle_rad,

@@ -7,7 +7,7 @@ import pytest
 
 from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
-from hil.scoring import score
+from hil.scoring.score import score
 from tests.records.synthetic_run import Options, write_run
 
 FIRST_TICK = 987_654_321

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import hil
-from hil import examples
+from hil.bench import examples
 from hil.loop.run import run
 from hil.records.result import Result, save_result
 from tests.made_once import made_once

@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
 from hil.records.capture import read_capture
 from hil.service.board.lease import Leases
 from hil.service.problems import Problem

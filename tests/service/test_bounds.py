@@ -19,9 +19,9 @@ from websockets.asyncio.client import connect
 
 import hil
 from hil.errors import InputError
+from hil.errors.strict_toml import table_of
 from hil.service.problems import Problem
 from hil.service.security.audit import Audit
-from hil.strict_toml import table_of
 from tests.service.serving import Serving, serving
 
 AT_ONCE_S = 3.0  # on a machine that does other things; each takes milliseconds

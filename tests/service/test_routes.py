@@ -189,7 +189,7 @@ def test_bench_files_are_listed_and_given_what_a_trace_found(bench: Serving, tmp
 @pytest.mark.long
 def test_a_trace_by_a_job_and_its_effect_added(bench: Serving) -> None:
     """The circle without the board: what is missing is found, declared in a new bench file, and undone by a replay."""
-    from hil import examples
+    from hil.bench import examples
     from hil.loop.run import run
 
     declared = hil.load_bench("s-undeclared").with_(loop={"clock": "lockstep", "duration_s": 10.0, "settle_s": 2.0})

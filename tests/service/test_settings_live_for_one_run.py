@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hil.bench import load_bench
-from hil.examples import find
+from hil.bench.examples import find
 from hil.records.capture import read_capture
 from tests.service.serving import Serving, serving
 from tests.service.test_board import Operator, until

@@ -16,7 +16,7 @@ from scipy import signal
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
-from hil.emulation import emulator
+from hil.boards.emulation import emulator
 from hil.records.capture import read_capture
 from hil.records.layout import TICK, Column, Layout
 from hil.records.ring import Ring

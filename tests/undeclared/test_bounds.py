@@ -10,9 +10,9 @@ from estimator.diagnosis import Verdict
 from estimator.trace.problem import Problem
 from estimator.trace.tracing import trace
 from evaluation.undeclared.record import write_capture
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
-from hil.tracing import record_of
+from hil.tracing.trace import record_of
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # a loop of 24,000 samples and its trace
 

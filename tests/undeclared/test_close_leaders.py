@@ -8,7 +8,7 @@ from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from device_emulator.scenario import Scenario
 from evaluation.undeclared.record import write_capture
 from hil.bench.template import template, values_of
-from hil.tracing import trace_file
+from hil.tracing.trace import trace_file
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # a trace that carries thirteen, where the kernels may be new
 

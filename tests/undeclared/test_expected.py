@@ -16,8 +16,8 @@ from evaluation.undeclared.expected import expected
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import make
 from hil.bench import load_bench, override
-from hil.captured import samples_of
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.captured import samples_of
+from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 
 pytestmark = pytest.mark.slow  # closed loops

@@ -13,10 +13,10 @@ from estimator.effects.search import Kin
 from estimator.trace.problem import Problem
 from estimator.trace.tracing import trace
 from evaluation.undeclared.record import write_capture
-from hil.captured import control_of
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.captured import control_of
+from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
-from hil.tracing import record_of
+from hil.tracing.trace import record_of
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # loops of 24,000 samples, and traces of them
 

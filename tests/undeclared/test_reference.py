@@ -13,8 +13,8 @@ from estimator.trace.tracing import trace
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import keep, recorded
 from hil.bench import load_bench
-from hil.captured import control_of, drives_of, record_of
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.captured import control_of, drives_of, record_of
+from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]

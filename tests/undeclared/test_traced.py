@@ -12,13 +12,13 @@ from evaluation.undeclared.judging import Judgement, judge
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import make
 from hil.bench import load_bench
-from hil.captured import control_of
-from hil.declared import device_of, observer_settings_of
+from hil.inputs.captured import control_of
+from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.records.diagnosis import to_model
 
 engine = pytest.importorskip("estimator.trace.tracing")
-tracing = pytest.importorskip("hil.tracing")
+tracing = pytest.importorskip("hil.tracing.trace")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # closed loops, and whole traces of them
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from hil import examples, verdict
+from hil import verdict
+from hil.bench import examples
 from hil.records.result import Angle, Answers, Part, Result
 from hil.records.runfolder import RunFolder
 from hil.verdict import Judgement

@@ -9,7 +9,6 @@ from estimator import diagnosis as traced
 from estimator.missing_force.result import MissingForce
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
-from hil.next_step import after_trace
 from hil.numbers import count, quantity, sensed, significant
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
@@ -31,6 +30,7 @@ from hil.report.diagnosis.material import Material
 from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures
 from hil.report.verdict import Headline
+from hil.verdict.next_step import after_trace
 
 _WORDS = {
     "adequate": ("good", "Adequate"),

@@ -4,8 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from hil.coverage import COVERAGE
 from hil.numbers import prefix_for, quantity, significant
+from hil.records.coverage import COVERAGE
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
 from hil.report.course import Course

@@ -16,9 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
-from hil.emulation import Served
+from hil.boards.emulation import Served
 from hil.errors import InputError, told_to_user
-from hil.faults import fault_line
+from hil.errors.faults import fault_line
 from hil.loop.live_settings import in_force
 from hil.loop.stops import reason_name
 from hil.progress import Progress

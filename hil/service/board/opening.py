@@ -8,7 +8,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from typing import Any
 
-from hil.emulation import Served, served
+from hil.boards.emulation import Served, served
 from hil.errors import InputError, told_to_user
 from hil.progress import Progress
 from hil.service.board.link_process import LinkProcess

@@ -227,7 +227,7 @@ class BoardPart:
 
 
 def _parsed(text: str) -> Bench:
-    from hil.strict_toml import parse_table, table_of
+    from hil.errors.strict_toml import parse_table, table_of
 
     try:
         table = table_of(text.encode("utf-8", "surrogatepass"), "bench_toml")

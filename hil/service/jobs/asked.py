@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from hil.bench import load_any_bench
-from hil.emulation import is_emulated
+from hil.boards.emulation import is_emulated
 from hil.errors import InputError
 from hil.records.run_name import RUN_NAME
 from hil.service.bench_files import found

@@ -18,9 +18,9 @@ from types import FrameType
 from typing import Any
 
 from hil.errors import told_to_user
-from hil.exit_codes import ExitCode
-from hil.faults import fault_line, is_fault
-from hil.interruption import interrupt
+from hil.errors.exit_codes import ExitCode
+from hil.errors.faults import fault_line, is_fault
+from hil.errors.interruption import interrupt
 from hil.progress import Progress
 from hil.records.atomic import write_text
 from hil.records.occupied import occupied

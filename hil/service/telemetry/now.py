@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.coverage import COVERAGE
+from hil.records.coverage import COVERAGE
 from hil.records.innovation import steady
 from hil.service.telemetry.deadlines import Deadlines
 from hil.service.telemetry.deadlines import told as deadlines

@@ -55,7 +55,7 @@ _PACKAGES = ("hil", "estimator", "device_emulator")
 
 
 def told_to_user(error: BaseException) -> str | None:
-    """What a user has to know about ``error``, or None when the fault is ours (`hil.faults`).
+    """What a user has to know about ``error``, or None when the fault is ours (`hil.errors.faults`).
 
     Known by the package of its class: an emulator's errors come through an entry point, and nothing here may import
     them.

@@ -14,7 +14,7 @@ from hil.loop.run import run
 from hil.progress import Watcher
 from hil.records.diagnosis import Confusable, Diagnosis
 from hil.records.runfolder import RunFolder
-from hil.tracing import Traced, trace
+from hil.tracing.trace import Traced, trace
 
 _MARGIN = 1.2  # of the energy's swing under modulation, as a limit
 _TIMES = (1, 2, 4)  # times the duration of the bench file that an experiment may last

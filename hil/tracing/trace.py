@@ -15,26 +15,26 @@ from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
-from hil.also import effects_asked, not_tried
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.bench.by_verb import require_usable
-from hil.captured import control_of, drives_of, record_of
-from hil.declared import observer_settings_of, recorded_device_of
-from hil.envelope import trace_ring_down
+from hil.bench.ratio import drive_words
 from hil.errors import InputError
+from hil.inputs.captured import control_of, drives_of, record_of
+from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.loop.run import new_folder
-from hil.parts import FRACTION, Part, moving, parts_of, sample_of
 from hil.progress import Progress, Watcher
-from hil.rate_sensor import fitting_rows, sensor_remarks, trace_rate_sensor
-from hil.ratio import drive_words
 from hil.records.atomic import make_run_folder, require_place, write_sealed
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
 from hil.records.diagnosis import MissingForce as WrittenForce
 from hil.records.force import refused, save_force
 from hil.records.force import to_model as force_model
-from hil.replaying import require_fit
-from hil.time_left import TimeLeft
+from hil.replaying.replay import require_fit
+from hil.tracing.also import effects_asked, not_tried
+from hil.tracing.envelope import trace_ring_down
+from hil.tracing.parts import FRACTION, Part, moving, parts_of, sample_of
+from hil.tracing.rate_sensor import fitting_rows, sensor_remarks, trace_rate_sensor
+from hil.tracing.time_left import TimeLeft
 
 _CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped
 

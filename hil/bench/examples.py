@@ -7,7 +7,7 @@ from importlib import resources
 from pathlib import Path
 
 from hil.errors import InputError
-from hil.strict_toml import suggestion
+from hil.errors.strict_toml import suggestion
 
 
 def directory() -> Path:

@@ -14,9 +14,9 @@ from estimator.gaps import observe
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.bench.by_verb import require_usable
-from hil.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
-from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
+from hil.inputs.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
+from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.loop.angle import ReportedAngle
 from hil.loop.live_settings import LiveSettings
 from hil.loop.run import RunResult, conclude, new_folder

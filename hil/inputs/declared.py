@@ -3,20 +3,16 @@
 import math
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from estimator import settings
 from estimator.envelope.record import Resonator
 from estimator.gain_matrix import BoardFilter, luenberger, pair
 from hil.bench import Bench
 from hil.bench.device import DriveUnit
-from hil.bench.template import IN_MPS2
 from hil.errors import InputError
-from hil.formula import formula_of
-from hil.own_effects import carried, own_effects
-from hil.wire import client
-from hil.wire.endpoint import Endpoint
-from hil.wire.links import open_link
+from hil.inputs.formula import formula_of
+from hil.inputs.own_effects import carried, own_effects
 from hil.wire.messages import Identity
 from hil.wire.spec import SPEC
 
@@ -187,30 +183,3 @@ def require_agreement(bench: Bench, identity: Identity, link: str) -> None:
             f"{link}: the board samples at {identity.tick_rate_Hz:g} Hz, [device] sample_rate_Hz says "
             f"{device.sample_rate_Hz:g}; correct the bench file, or the board's IDENTITY"
         )
-
-
-def identity_at(link: str) -> Identity:
-    """Who the board at `link` is."""
-    from hil.emulation import served
-
-    with served(link) as board:
-        endpoint = Endpoint(open_link(board.url))
-        try:
-            return client.connect(endpoint)
-        finally:
-            endpoint.close()
-
-
-def from_identity(link: str) -> tuple[str, dict[str, dict[str, Any]], dict[str, Any]]:
-    """Ask the board at `link` who it is: (a heading for a bench file, the values it declares by section, its IDENTITY
-    by field)."""
-    identity = identity_at(link)
-    heading = f"Board {identity.unique_id:016x}, firmware {identity.version}."
-    drive = identity.drive_scale_mps2 * 2 ** (identity.drive_bits - 1)
-    told: dict[str, dict[str, Any]] = {
-        "device": {"axes": identity.axes, "sample_rate_Hz": identity.tick_rate_Hz},
-        "device.drive": {"full_scale": drive, **IN_MPS2},
-    }
-    if not link.startswith("pty:"):
-        told["link"] = {"url": link}
-    return heading, told, identity._asdict()

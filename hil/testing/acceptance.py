@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil.bench import Bench, override
-from hil.emulation import is_emulated, served
+from hil.boards.emulation import is_emulated, served
 from hil.errors import InputError
 from hil.progress import Progress
 from hil.records.result import Result
@@ -101,7 +101,7 @@ class BoardUnderTest:
         WireError as `hil.loop.run.run`.
         """
         from hil.loop.run import run
-        from hil.scoring import score
+        from hil.scoring.score import score
 
         self._require_consent()
         if truth and not self.emulated:

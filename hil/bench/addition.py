@@ -12,9 +12,9 @@ from hil.bench import Bench
 from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter, own_table
 from hil.bench.toml import toml_key, toml_value
 from hil.errors import InputError
+from hil.errors.strict_toml import parse_table, table_of
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Coefficient, Diagnosis, MissingForce
-from hil.strict_toml import parse_table, table_of
 from hil.wire.link_name import Emulated, parse_link
 
 _COLUMN = 36  # where the remarks begin

@@ -6,7 +6,7 @@ from contextlib import suppress
 from estimator.effects.catalogue import effect_for, names
 from estimator.settings import Device
 from hil.errors import InputError
-from hil.strict_toml import suggestion
+from hil.errors.strict_toml import suggestion
 
 
 def effects_asked(words: Sequence[str], device: Device) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import IO, NamedTuple
 
-from hil import examples
+from hil.bench import examples
 from hil.errors import InputError
 from hil.progress import Progress, Watcher, untold
 from hil.wire.link_name import Emulated, parse_link

@@ -13,7 +13,6 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.nees import nees
 from hil.records.estimates import Estimates
 from hil.records.on_board import on_board
 from hil.records.result import OnBoard, Result, Score, save_result
@@ -21,6 +20,7 @@ from hil.records.runfolder import RunFolder
 from hil.records.summary import SD_95, parameters, reporting_mass_kg, summarise
 from hil.records.table import Table
 from hil.records.truth import Truth, read_truth
+from hil.scoring.nees import nees
 from hil.verdict import judge_again
 
 Floats = npt.NDArray[np.float64]

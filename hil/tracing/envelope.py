@@ -8,8 +8,8 @@ from estimator.diagnosis import Diagnosis
 from estimator.envelope.record import Envelope
 from estimator.errors import ModelError
 from hil.bench import Bench
-from hil.declared import resonator_of
 from hil.errors import InputError
+from hil.inputs.declared import resonator_of
 from hil.records.capture import Capture
 
 

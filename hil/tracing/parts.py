@@ -41,7 +41,7 @@ def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:
 
 
 def sample_of(captured: Capture, row: int) -> int:
-    """The sample of `hil.captured.record_of` that is this row: there is one a tick."""
+    """The sample of `hil.inputs.captured.record_of` that is this row: there is one a tick."""
     return int(captured.tick[row] - captured.tick[0])
 
 

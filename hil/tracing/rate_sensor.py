@@ -12,8 +12,8 @@ from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import SensorDiagnosis, alternate_blocks, trace_sensor
 from hil.bench import RateSensorBench
 from hil.bench.rate_sensor import RateSensor
+from hil.bench.ratio import slip
 from hil.errors import InputError
-from hil.ratio import slip
 from hil.records.capture import Capture, missing, read_capture
 
 _BLOCK = 4  # samples; a step's transient is a few tens long

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hil.bench import Bench
+from hil.bench.ratio import drive_words
 from hil.progress import Progress, Watcher
-from hil.ratio import drive_words
 from hil.records.result import Lacking, Parameter, Scan, Unexcluded
 from hil.records.runfolder import RunFolder
 from hil.records.table import scored_from_s
@@ -31,8 +31,8 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     from estimator.completeness.closing import Limits, closing_scan
     from estimator.completeness.stretch import Stretch, stretches_of
     from estimator.trace.start import settling
-    from hil.captured import control_of, drives_of, record_of
-    from hil.declared import observer_settings_of, recorded_device_of
+    from hil.inputs.captured import control_of, drives_of, record_of
+    from hil.inputs.declared import observer_settings_of, recorded_device_of
 
     progress(Progress("scan", 0, 0))
     first, last = capture.ends

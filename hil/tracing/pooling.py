@@ -11,20 +11,20 @@ from estimator.errors import ModelError
 from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.pool.members import Member, Pool, held_out_by_default
-from hil.also import effects_asked
 from hil.bench import RateSensorBench, load_any_bench, override
 from hil.bench.by_verb import require_usable
-from hil.captured import drives_of, record_of
-from hil.declared import observer_settings_of, recorded_device_of
 from hil.errors import InputError
+from hil.inputs.captured import drives_of, record_of
+from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
 from hil.records.atomic import require_place
 from hil.records.capture import Capture, read_capture
 from hil.records.diagnosis import save_diagnosis, to_model
-from hil.replaying import require_fit
-from hil.time_left import TimeLeft
-from hil.tracing import Traced, called
+from hil.replaying.replay import require_fit
+from hil.tracing.also import effects_asked
+from hil.tracing.time_left import TimeLeft
+from hil.tracing.trace import Traced, called
 
 _ALIKE = 1e-3  # relative, of the noise that filters leave of records traced together
 
@@ -47,8 +47,8 @@ def trace_pool_files(
 
     covariate: a number that each record carries (`[covariates]` of its map) on which constants and coefficients may
     depend; held_out: names of the records that only judge, by default a third of them; also: effects to try that
-    a trace tries on request only, as `hil.tracing.trace` has them.  Raises InputError for records that cannot be traced
-    together; nothing is left then.
+    a trace tries on request only, as `hil.tracing.trace.trace` has them.  Raises InputError for records that cannot be
+    traced together; nothing is left then.
     """
     workers()
     declared = load_any_bench(bench_path)

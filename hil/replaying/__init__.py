@@ -1,0 +1,1 @@
+"""Today's estimator on yesterday's record."""

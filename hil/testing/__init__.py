@@ -1,0 +1,1 @@
+"""Acceptance tests of a board, for pytest."""
