@@ -51,15 +51,15 @@ def members(of: Likelihood, best: FittedModel, name: str) -> list[Member]:
     """Effects that may explain the record as well in place of `name`, each fitted; the best first."""
     without = without_effect(of, best, name)
     kinds = {kind(one) for one in best.model.effects} - {kind(name)}
-    watched = {
+    tested = {
         other: given
         for other, given in of.candidates(without.model, without.evaluation).items()
         if kind(other) not in kinds and kind(other) != kind(name)
     }
     reference = {name: best.layout.effects_of(best.model)[name]}
-    gain = best.standing - without.standing
+    gain = best.criterion - without.criterion
     alike: dict[str, Score] = {}
-    for score in scored(of, without, watched, reference)[-1]:
+    for score in scored(of, without, tested, reference)[-1]:
         # On a parabola, what explains a share of a signature loses the rest of what that gains.
         near_enough = gain * (1.0 - score.likeness**2) < BEYOND * TIE
         known = alike.get(kind(score.name))
@@ -68,7 +68,7 @@ def members(of: Likelihood, best: FittedModel, name: str) -> list[Member]:
     near = sorted(alike.values(), key=lambda score: -score.likeness)[:RIVALS]
     fitted = side_by_side([partial(_settled, of, without, score) for score in near])
     found = [
-        Member(score.name, score.likeness, one, best.standing - one.standing)
+        Member(score.name, score.likeness, one, best.criterion - one.criterion)
         for score, one in zip(near, fitted, strict=True)
     ]
     return sorted(found, key=lambda member: member.deficit)

@@ -103,11 +103,11 @@ class Filtered:
         return theta
 
     def evaluate(
-        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
         """A pass over the record.  Raises ModelError as `Observer` does."""
         assert isinstance(layout, ObserverLayout)
-        return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, watched=watched)
+        return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, tested=tested)
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
         """The model with the random force that is declared, and with the one that it has."""

@@ -43,7 +43,7 @@ class FittedModel:
         return 2.0 * self.evaluation.log_likelihood - float(off @ off)
 
     @property
-    def standing(self) -> float:
+    def criterion(self) -> float:
         """The same, less what the parameters cost (Schwarz, Annals of Statistics 6, 1978)."""
         return self.likeliness - len(self.layout.names) * float(np.log(self.evaluation.count.sum()))
 
@@ -89,7 +89,7 @@ def _penalised(layout: Layout, model: Model, evaluation: Evaluation) -> float:
     return evaluation.log_likelihood - 0.5 * float(pull @ pull)
 
 
-def climb(of: Likelihood, start: FittedModel, passes: int = PASSES) -> FittedModel:
+def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES) -> FittedModel:
     """The top next to `start`, at the noise that `start` has."""
     now, damping = start, 0.0
     for _ in range(passes):
@@ -120,7 +120,7 @@ def advanced(of: Likelihood, start: FittedModel) -> FittedModel:
     Far from the top, what the parameters leave is a random force to the filter, which follows the motion all the same;
     the nearer they come, the quieter it is, and the sharper the likelihood.
     """
-    now = climb(of, start, ROUGH)
+    now = maximise(of, start, ROUGH)
     model = of.quieten(now.layout, now.model)
     return now if model.noise == now.model.noise else at(of, now.layout, model)
 
@@ -134,13 +134,13 @@ def settle(of: Likelihood, start: FittedModel) -> FittedModel:
         same = now.model.noise == before.model.noise
         if same and now.objective - before.objective < RISE:
             break
-    return climb(of, now)
+    return maximise(of, now)
 
 
 def finished(of: Likelihood, start: FittedModel) -> FittedModel:
     """The same with all levels of noise fitted."""
     now = at(of, start.layout, of.fit_noise(start.layout, start.model))
-    return climb(of, now)
+    return maximise(of, now)
 
 
 def fit(of: Likelihood, effects: Effects) -> FittedModel:

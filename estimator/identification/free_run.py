@@ -194,13 +194,13 @@ class FreeRun(Filtered):
         return replace(model, noise=replace(model.noise, independent=share))
 
     def evaluate(
-        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
         """A free run over the record.  Raises ModelError as `Observer` does."""
         assert isinstance(layout, StartLayout)
         stop_if_abandoned()
-        slips = {name: given for name, given in (watched or {}).items() if self.effect(name).slips}
-        others = {name: given for name, given in (watched or {}).items() if name not in slips}
+        slips = {name: given for name, given in (tested or {}).items() if self.effect(name).slips}
+        others = {name: given for name, given in (tested or {}).items() if name not in slips}
         run = _Run(self, layout, model, derivatives, others)
         rows, names = run.over_all(), run.names
         if slips:
@@ -210,7 +210,7 @@ class FreeRun(Filtered):
             names = (*names, *way.names[len(layout.names) if derivatives else 0 :])
         if derivatives and layout.searched:
             shifted = [
-                (_Run(self, layout, moved, derivatives=False, watched={}).over_all()[:, 0] - rows[:, -2]) / step
+                (_Run(self, layout, moved, derivatives=False, tested={}).over_all()[:, 0] - rows[:, -2]) / step
                 for moved, step in layout.shifted(model)
             ]
             first = len(layout.index)
@@ -239,13 +239,13 @@ def remembers(effect: Effect) -> bool:
 
 
 class _Run:
-    """A free run over a record, with its derivatives by the constants, by the start, and by effects in `watched`."""
+    """A free run over a record, with its derivatives by the constants, by the start, and by effects in `tested`."""
 
-    def __init__(self, of: FreeRun, layout: StartLayout, model: Model, derivatives: bool, watched: Effects) -> None:
-        self.of, self.layout, self.model, self.watched = of, layout, model, watched
+    def __init__(self, of: FreeRun, layout: StartLayout, model: Model, derivatives: bool, tested: Effects) -> None:
+        self.of, self.layout, self.model, self.tested = of, layout, model, tested
         self.record = of.problem.record
         self.effects = layout.effects_of(model)
-        self.observer = self._observer(watched)
+        self.observer = self._observer(tested)
         self.known = layout.index if derivatives else layout.index[:0]
         self.moved = len(layout.kept) if derivatives else 0
         lacking = self.observer.effects[self.observer.carried :]
@@ -255,8 +255,8 @@ class _Run:
         )
         self.slips = any(effect.slips for _, effect in self.observer.effects)
 
-    def _observer(self, watched: Effects) -> Observer:
-        observer = observer_of(self.of.problem, self.effects, self.model.noise, watched)
+    def _observer(self, tested: Effects) -> Observer:
+        observer = observer_of(self.of.problem, self.effects, self.model.noise, tested)
         observer.x[observer.states + self.layout.index] = self.model.theta[: len(self.layout.index)]
         observer.x[observer.estimated_index] = self.layout.fixed
         observer.x[observer.estimated_index[self.layout.kept]] = self.model.theta[self.layout.start]
@@ -277,12 +277,12 @@ class _Run:
         record = self.record.part(stretch)
         start = self.observer.x[self.observer.estimated_index].copy()
         if first and self.of.fitted:
-            return self._run(record, start, self.known, self.moved, self.watched)
+            return self._run(record, start, self.known, self.moved, self.tested)
         states = self.observer.states
         telling = record if self.of.fitted else record.part(slice(0, TELLING))
         start[:states] = seen_motion(telling, self.observer)
         start = self._told(telling, start)
-        rows = self._run(record, start, self.known, self.moved, self.watched)
+        rows = self._run(record, start, self.known, self.moved, self.tested)
         c = len(self.known)
         if self.moved and len(rows):
             own = c + np.flatnonzero(self.layout.kept < states)
@@ -314,11 +314,11 @@ class _Run:
             start[:states] -= change
         return nearest
 
-    def _run(self, record: Record, start: Array, known: NDArray[np.int64], moved: int, watched: Effects) -> Array:
+    def _run(self, record: Record, start: Array, known: NDArray[np.int64], moved: int, tested: Effects) -> Array:
         """Rows of one stretch from `start`; moved: how many columns of the layout's start, −1 for those of the motion
         alone.
         """
-        observer = self._observer(watched)
+        observer = self._observer(tested)
         observer.x[observer.estimated_index] = start
         columns = (
             np.eye(len(start))[:, : observer.states] if moved < 0 else np.eye(len(start))[:, self.layout.kept[:moved]]

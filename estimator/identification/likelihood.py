@@ -220,15 +220,15 @@ def _spreads(observer: Observer, settings: ObserverSettings) -> Array:
     return full.initial_deviations[full.states :]
 
 
-def observer_of(problem: Problem, effects: Effects, noise: Noise | None, watched: Effects | None = None) -> Observer:
+def observer_of(problem: Problem, effects: Effects, noise: Noise | None, tested: Effects | None = None) -> Observer:
     """The filter of a model: of the motion, the sense offsets and the rate."""
-    settings = replace(problem.settings, variant=Variant.SENSE, gain=Gain.EKF, effects={**effects, **(watched or {})})
+    settings = replace(problem.settings, variant=Variant.SENSE, gain=Gain.EKF, effects={**effects, **(tested or {})})
     device = problem.device
     if noise is not None:
         process = replace(settings.process_noise, force=noise.force, rate=noise.rate)
         settings = replace(settings, process_noise=process)
         device = replace(device, noise=tuple(s * f for s, f in zip(device.noise, noise.sense, strict=True)))
-    return Observer(device, settings, watched=len(watched or {}), known=True)
+    return Observer(device, settings, watched=len(tested or {}), known=True)
 
 
 class Likelihood(Protocol):
@@ -271,7 +271,7 @@ class Likelihood(Protocol):
 
     def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
         """Where a fit with an effect more begins, from `theta` (k,) and the size (c,) that the score test tells of what
-        was watched.
+        was tested.
         """
 
     def declared_noise(self) -> Noise:
@@ -296,10 +296,10 @@ class Likelihood(Protocol):
         """Effects that are not in a model, each with its parameters, SI."""
 
     def evaluate(
-        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
         """A pass over the record; with `derivatives` by the model's parameters and by the coefficients of effects in
-        `watched`, which are zero.
+        `tested`, which are zero.
         """
 
 
@@ -323,18 +323,18 @@ def evaluate(
     beginning: Beginning = AT_THE_START,
     *,
     derivatives: bool = True,
-    watched: Effects | None = None,
+    tested: Effects | None = None,
 ) -> Evaluation:
     """`Likelihood.evaluate` of a driven gyro or oscillator, by its filter.
 
     Raises ModelError as `Observer` does.
     """
-    one = _Pass(problem, beginning, layout, model, layout.index if derivatives else layout.index[:0], watched or {})
+    one = _Pass(problem, beginning, layout, model, layout.index if derivatives else layout.index[:0], tested or {})
     others = [
         (_Pass(problem, beginning, layout, moved, layout.index[:0], {}), step)
         for moved, step in (layout.shifted(model) if derivatives else ())
     ]
-    names = (*(layout.names if derivatives else ()), *one.watched)
+    names = (*(layout.names if derivatives else ()), *one.tested)
     c, sums = len(one.known), Sums.of(len(names))
     for block, (begin, end) in enumerate(blocks_of(len(problem.record))):
         stop_if_abandoned()
@@ -361,20 +361,20 @@ class _Pass:
         layout: ObserverLayout,
         model: Model,
         known: NDArray[np.int64],
-        watched: Effects,
+        tested: Effects,
     ) -> None:
         self.record, self.known = problem.record, known
-        self.observer = observer = observer_of(problem, layout.effects_of(model), model.noise, watched)
+        self.observer = observer = observer_of(problem, layout.effects_of(model), model.noise, tested)
         observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
         begin_moving(observer, problem.record)
         observer.begin_at(beginning.seconds, beginning.temperature)
         lacking = observer.effects[observer.carried :]
-        self.watched = [effect.name for _, effect in lacking for _ in effect.coefficients]
+        self.tested = [effect.name for _, effect in lacking for _ in effect.coefficients]
         record = problem.record
         self.scaled = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
         observer.allow_steps(float(np.max(self.scaled[2], initial=observer.h)), self.scaled[1].shape[2] - 1)
         self.rows = np.zeros(len(record), OUTPUT)
-        self.delta = np.zeros((observer.states + len(observer.active), len(known) + len(self.watched)))
+        self.delta = np.zeros((observer.states + len(observer.active), len(known) + len(self.tested)))
         self.seen = np.isfinite(record.sense)
         self.skip = int(np.ceil(START_CYCLES * 2.0 * np.pi / observer.h))
         self.level = JUMP

@@ -131,12 +131,12 @@ def _probabilities(
     leave.
     """
     quiet, disturbed = evidence.quiet, evidence.disturbed
-    price = 2.0 * float(np.log(quiet.count.sum()))
+    penalty = 2.0 * float(np.log(quiet.count.sum()))
     left = any(not check.passed and check.name in OF_THE_REST for check in checks)
-    other = 2.0 * (disturbed.log_likelihood - quiet.log_likelihood) - price if left else -price
+    other = 2.0 * (disturbed.log_likelihood - quiet.log_likelihood) - penalty if left else -penalty
     if not evidence.without:
         last = found.rounds[-1]
-        gains = {kind(score.name): score.robust - price for score in reversed(last.table)}
+        gains = {kind(score.name): score.robust - penalty for score in reversed(last.table)}
         return (_classes(None, {"nothing": 0.0, "something else": other, **gains}),)
     classes = []
     for name, without in evidence.without.items():

@@ -44,14 +44,14 @@ class Score:
 
 
 def score_test(
-    of: Likelihood, fitted: FittedModel, watched: Effects, reference: Effects = MappingProxyType({})
+    of: Likelihood, fitted: FittedModel, tested: Effects, reference: Effects = MappingProxyType({})
 ) -> tuple[Score, ...]:
-    """The scores of `watched` beside a fitted model, the largest gain first, each with a prior of its plausible size;
+    """The scores of `tested` beside a fitted model, the largest gain first, each with a prior of its plausible size;
     with their likeness to an effect at given parameters, where there is a `reference`.
     """
-    shares = _shares(of, watched, reference, len(fitted.layout.effects))
+    shares = _shares(of, tested, reference, len(fitted.layout.effects))
     passes = side_by_side(
-        [partial(of.evaluate, fitted.layout, fitted.model, watched={**reference, **share}) for share in shares]
+        [partial(of.evaluate, fitted.layout, fitted.model, tested={**reference, **share}) for share in shares]
     )
     scores = [
         score
@@ -62,7 +62,7 @@ def score_test(
 
 
 def _scores(
-    of: Likelihood, fitted: FittedModel, seen: Evaluation, watched: Effects, reference: str | None
+    of: Likelihood, fitted: FittedModel, seen: Evaluation, tested: Effects, reference: str | None
 ) -> Iterator[Score]:
     """Those of one pass."""
     own, scale = len(fitted.layout.names), fitted.evaluation.scale
@@ -71,7 +71,7 @@ def _scores(
     columns: dict[str, list[int]] = {}
     for k, name in enumerate(seen.names[own:]):
         columns.setdefault(name, []).append(k)
-    for name, given in watched.items():
+    for name, given in tested.items():
         rows = columns[name]
         one = _score(name, information[:, rows][:, :, rows], score[:, rows], of.plausible(name), given)
         likeness = _likeness(whole, columns[reference], rows) if reference is not None else 0.0
@@ -89,14 +89,14 @@ def _whitener(information: Array) -> Array:
     return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T)
 
 
-def _shares(of: Likelihood, watched: Effects, reference: Effects, included: int) -> list[Effects]:
+def _shares(of: Likelihood, tested: Effects, reference: Effects, included: int) -> list[Effects]:
     """The effects in as many passes as they need, and two where two may run at a time."""
 
     def signals(names: Effects) -> int:
         return sum(len(of.effect(name).signals) for name in names)
 
     shares: list[dict[str, Mapping[str, float]]] = [{}, {}]
-    for name, given in watched.items():
+    for name, given in tested.items():
         least = min(shares, key=len)
         full = len(least) + included + len(reference) >= MAX_EFFECTS
         if full or signals(least) + signals(reference) + signals({name: given}) > MAX_SIGNALS // 2:

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from estimator.identification.fit import FittedModel, advanced, at, climb, finished, fit, settle
+from estimator.identification.fit import FittedModel, advanced, at, finished, fit, maximise, settle
 from estimator.identification.likelihood import Layout, Likelihood, Model
 from estimator.identification.score_test import Score, score_test
 from estimator.scaling import Array
@@ -54,7 +54,7 @@ class Search:
 
 
 def margin(kinds: int) -> float:
-    """What an effect's standing has to exceed that of a model without it, so many kinds having been looked at."""
+    """What an effect's criterion has to exceed that of a model without it, so many kinds having been looked at."""
     return 2.0 * float(np.log(kinds / CHANCE))
 
 
@@ -63,7 +63,7 @@ def search(
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
     begun: FittedModel | None = None,
 ) -> Search:
-    """Effects added while the best of the candidates stands better by the margin, and taken out where their gain is not
+    """Effects added while the criterion of the best candidate is larger by the margin, and taken out where their gain is not
     sure: on the way, what the model still lacks scatters more than noise; on from `begun`.
     """
     base = now = fit(of, of.effects) if begun is None else begun
@@ -71,12 +71,12 @@ def search(
     kinds = 1
     for step in range(len(now.model.effects) - len(of.effects), of.most):
         progress("effects", step, of.most)
-        watched = of.candidates(now.model, now.evaluation)
-        kinds = max(kinds, len({kind(name) for name in watched}))
-        tables = scored(of, now, watched)
+        tested = of.candidates(now.model, now.evaluation)
+        kinds = max(kinds, len({kind(name) for name in tested}))
+        tables = scored(of, now, tested)
         ranked = _fitted(of, now, shortlisted(of, tables, WORTH * margin(kinds)))
         possible = [pair for pair in ranked if not impossible(of, *pair)][:1]
-        taken = next((name for name, one in possible if one.standing - now.standing > margin(kinds)), None)
+        taken = next((name for name, one in possible if one.criterion - now.criterion > margin(kinds)), None)
         rounds.append(Round(now, tables[0], tuple(ranked), taken))
         if taken is None:
             break
@@ -95,15 +95,15 @@ def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[t
     tried = side_by_side([partial(with_effect, quick, start, score) for score in shortlist])
     pairs = zip(shortlist, tried, strict=True)
     possible = [pair for pair in pairs if not impossible(of, pair[0].name, pair[1])]
-    ranked = sorted(possible, key=lambda pair: -pair[1].standing)
+    ranked = sorted(possible, key=lambda pair: -pair[1].criterion)
     ahead = [
         (score, one)
         for place, (score, one) in enumerate(ranked)
-        if score is shortlist[0] or (place < FINALISTS and one.standing > ranked[0][1].standing - CLEAR)
+        if score is shortlist[0] or (place < FINALISTS and one.criterion > ranked[0][1].criterion - CLEAR)
     ]
     done = side_by_side([partial(_on_the_whole, of, base, score, one) for score, one in ahead])
     named = zip([score.name for score, _ in ahead], done, strict=True)
-    return sorted(named, key=lambda pair: -pair[1].standing)
+    return sorted(named, key=lambda pair: -pair[1].criterion)
 
 
 def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: FittedModel) -> FittedModel:
@@ -117,18 +117,18 @@ def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: Fitted
 
 
 def scored(
-    of: Likelihood, fitted: FittedModel, watched: Effects, reference: Effects = MappingProxyType({})
+    of: Likelihood, fitted: FittedModel, tested: Effects, reference: Effects = MappingProxyType({})
 ) -> tuple[tuple[Score, ...], ...]:
     """The scores of the effects beside a model (`score_test`); and where it leaves a random force larger than declared,
     the same at a quieter one, where effects look less alike, unless the filter loses the motion there.
     """
-    table = score_test(of, fitted, watched, reference)
+    table = score_test(of, fitted, tested, reference)
     noise, quietest = fitted.model.noise, of.declared_noise().force
     if noise.force <= quietest * QUIETER:
         return (table,)
     quieter = replace(fitted.model, noise=replace(noise, force=max(noise.force / QUIETER, quietest)))
-    found = climb(of, at(of, fitted.layout, quieter))
-    return (table, score_test(of, found, watched, reference)) if found.evaluation.sound else (table,)
+    found = maximise(of, at(of, fitted.layout, quieter))
+    return (table, score_test(of, found, tested, reference)) if found.evaluation.sound else (table,)
 
 
 def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
@@ -168,9 +168,9 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     layout = of.layout(effects)
     theta = _carried_over(fitted, layout)
     model = Model(effects, of.begun(layout, theta, score.name, score.size), fitted.model.noise)
-    begun = climb(of, at(of, layout, model), 3)
+    begun = maximise(of, at(of, layout, model), 3)
     if not begun.evaluation.sound or begun.objective < fitted.objective:
-        begun = climb(of, at(of, layout, replace(model, theta=theta)), 6)
+        begun = maximise(of, at(of, layout, replace(model, theta=theta)), 6)
     return advanced(of, at(of, layout, of.quieten(layout, begun.model)))
 
 

@@ -11,7 +11,7 @@ from estimator.errors import DivergedError
 from estimator.identification.ambiguity import Member, exchanged
 from estimator.identification.checks import CHECKS, Evidence
 from estimator.identification.filtered import Filtered
-from estimator.identification.fit import FittedModel, at, climb, finished, fit, settle
+from estimator.identification.fit import FittedModel, at, finished, fit, maximise, settle
 from estimator.identification.free_run import FreeRun
 from estimator.identification.likelihood import Evaluation, Likelihood, ObserverLayout
 from estimator.identification.result import diagnosis, effects_of
@@ -137,4 +137,4 @@ def _without(of: Likelihood, model: FittedModel, name: str) -> FittedModel:
     what the effect explains.
     """
     less = without_effect(of, model, name)
-    return climb(of, at(of, less.layout, replace(less.model, noise=model.model.noise)))
+    return maximise(of, at(of, less.layout, replace(less.model, noise=model.model.noise)))

@@ -110,13 +110,13 @@ class Linear:
         return {name: {} for name in self.columns if name not in model.effects}
 
     def evaluate(
-        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
-        watched = watched or {}
+        tested = tested or {}
         used = np.column_stack([self.base, *(self.columns[name] for name in model.effects)])
         e = self.y - used @ model.theta
-        names = [*(layout.names if derivatives else ()), *(n for n in watched for _ in self.declared[n].coefficients)]
-        psi = np.column_stack([used if derivatives else used[:, :0], *(self.columns[name] for name in watched)])
+        names = [*(layout.names if derivatives else ()), *(n for n in tested for _ in self.declared[n].coefficients)]
+        psi = np.column_stack([used if derivatives else used[:, :0], *(self.columns[name] for name in tested)])
         parts = np.array_split(np.arange(len(e)), BLOCKS)
         return Evaluation(
             tuple(names), np.array([psi[rows].T @ e[rows] for rows in parts]),

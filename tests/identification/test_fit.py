@@ -9,7 +9,7 @@ from scipy.stats import chi2
 
 from estimator.identification.checks import covariance
 from estimator.identification.filtered import Filtered
-from estimator.identification.fit import FittedModel, at, climb, fit, settle
+from estimator.identification.fit import FittedModel, at, fit, maximise, settle
 from estimator.identification.likelihood import BLOCKS, Evaluation, Layout, Model
 from estimator.trace.problem import Effects
 from tests.identification.linear import Linear, fitted, made
@@ -25,7 +25,7 @@ def test_a_fit_is_where_an_optimiser_finds_the_penalised_likelihood_largest() ->
     layout = of.layout({"one": {}})
     layout.deviation[:] = [0.2, 5.0, 0.1]
     layout.mean[:] = [1.0, 0.0, 0.4]
-    found = climb(of, at(of, layout, Model({"one": {}}, layout.mean, of.declared_noise())))
+    found = maximise(of, at(of, layout, Model({"one": {}}, layout.mean, of.declared_noise())))
     used = np.column_stack([of.base, of.columns["one"]])
 
     def penalised(theta: Array) -> float:
@@ -39,7 +39,7 @@ def test_a_fit_is_where_an_optimiser_finds_the_penalised_likelihood_largest() ->
     assert off @ found.posterior_information @ off < 0.04
     declared = ((found.model.theta - layout.mean) / layout.deviation)[:2]  # the last is an effect's plausible size
     likelihood = 2.0 * found.evaluation.log_likelihood - declared @ declared
-    assert found.standing == pytest.approx(likelihood - 3.0 * np.log(600.0))
+    assert found.criterion == pytest.approx(likelihood - 3.0 * np.log(600.0))
 
 
 def test_a_coefficient_goes_no_lower_than_its_least() -> None:
@@ -54,7 +54,7 @@ def test_a_gain_over_another_model_costs_the_parameters_and_counts_as_far_as_it_
     of = made({"one": COLUMNS["one"]}, {"one": [0.4]}, n=600)
     small, large = fitted(of), fitted(of, "one")
     assert large.scatter == 1.0  # a fit to noise: no more than its own
-    assert large.gain_over(small) == pytest.approx(large.standing - small.standing)
+    assert large.gain_over(small) == pytest.approx(large.criterion - small.criterion)
     jumpy = replace(large, evaluation=replace(large.evaluation, score=30.0 * large.evaluation.score))
     scores = jumpy.evaluation.score / jumpy.evaluation.scale
     spread = np.cov(scores.T, bias=True) * BLOCKS
@@ -69,7 +69,7 @@ class Decay(Linear):
     """y = exp(−θ0 t) + θ1: far from linear, a whole step from a far start goes too far."""
 
     def evaluate(
-        self, layout: Layout, model: Model, *, derivatives: bool = True, watched: Effects | None = None
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
         t = np.linspace(0.0, 4.0, len(self.y))
         with np.errstate(over="ignore", invalid="ignore"):
@@ -91,7 +91,7 @@ def test_a_fit_from_afar_comes_to_the_same_top(start: float) -> None:
     y = np.exp(-1.2 * t) + 0.3 + 0.01 * np.random.default_rng(3).standard_normal(480)
     of = Decay(y, np.zeros((480, 2)), {}, {})
     layout = of.layout({})
-    found = climb(of, at(of, layout, Model({}, np.array([start, 0.0]), of.declared_noise())), 40)
+    found = maximise(of, at(of, layout, Model({}, np.array([start, 0.0]), of.declared_noise())), 40)
     best = minimize(lambda p: float(np.sum((y - np.exp(-p[0] * t) - p[1]) ** 2)), [1.0, 0.0], tol=1e-14)
     assert found.converged
     assert np.all(np.abs(found.model.theta - best.x) < 0.3 * np.sqrt(np.diag(covariance(found))))
@@ -103,7 +103,7 @@ def test_a_pass_that_fails_is_worth_nothing_and_no_start() -> None:
     lost = at(of, layout, Model({}, np.array([-1e4, 0.0]), of.declared_noise()))
     assert not lost.evaluation.sound
     assert lost.objective == -np.inf
-    assert climb(of, lost) is lost
+    assert maximise(of, lost) is lost
 
 
 DRAWS = 40

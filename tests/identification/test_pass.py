@@ -293,7 +293,7 @@ def test_scores_of_a_watched_effect_are_those_of_a_plain_filter_without_it(name:
     case = law.case({})
     of, plain, series = case.made()
     layout = of.layout({})
-    seen = of.evaluate(layout, model_of(of, {}), watched={name: law.given})
+    seen = of.evaluate(layout, model_of(of, {}), tested={name: law.given})
     assert seen.names == (*BASE, *[name] * len(law.coefficients))
     factor = of.layout({name: law.given}).factor[len(BASE) : len(BASE) + len(law.coefficients)]
     moved = dict(zip(law.coefficients, (1e-4 * factor).tolist(), strict=True))

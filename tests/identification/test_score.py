@@ -118,9 +118,9 @@ def test_effects_go_into_as_many_passes_as_the_filter_has_room_for(monkeypatch: 
     seen: list[int] = []
 
     class Counted(Linear):
-        def evaluate(self, layout, model, *, derivatives=True, watched=None):  # type: ignore[no-untyped-def]
-            seen.append(len(watched or {}))
-            return super().evaluate(layout, model, derivatives=derivatives, watched=watched)
+        def evaluate(self, layout, model, *, derivatives=True, tested=None):  # type: ignore[no-untyped-def]
+            seen.append(len(tested or {}))
+            return super().evaluate(layout, model, derivatives=derivatives, tested=tested)
 
     counted, model = Counted(**vars(of)), fitted(of)
     table = score_test(counted, model, {key: {} for key in of.columns}, {"e7": {}})
@@ -153,7 +153,7 @@ def test_effects_are_shared_out_by_their_signals_too(monkeypatch: pytest.MonkeyP
     seen: list[int] = []
     evaluate = Linear.evaluate
     monkeypatch.setattr(
-        Linear, "evaluate", lambda *a, **k: seen.append(len(k.get("watched") or {})) or evaluate(*a, **k)
+        Linear, "evaluate", lambda *a, **k: seen.append(len(k.get("tested") or {})) or evaluate(*a, **k)
     )
     model = at(of, of.layout({}), Model({}, np.zeros(2), of.declared_noise()))
     seen.clear()

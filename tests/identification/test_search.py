@@ -43,8 +43,8 @@ def test_an_effect_is_named_where_it_gains_more_than_its_price(
     beyond: float, taken: list[str], coefficients: int
 ) -> None:
     """ln n for each coefficient, and 2 ln(kinds/0.001)."""
-    price = coefficients * np.log(N) + 2.0 * np.log(3 / 1e-3)
-    found = search(orthogonal(a=(1, 1.0), b=(coefficients, price + beyond), c=(2, 2.0)))
+    penalty = coefficients * np.log(N) + 2.0 * np.log(3 / 1e-3)
+    found = search(orthogonal(a=(1, 1.0), b=(coefficients, penalty + beyond), c=(2, 2.0)))
     assert list(found.best.model.effects) == taken
     assert [one.taken for one in found.rounds] == [*taken, None]
     assert found.rounds[0].table[0].name == "b"
@@ -143,7 +143,7 @@ def test_scores_are_taken_at_a_quieter_force_too_where_a_model_leaves_a_loud_one
 
     class Seen(Linear):
         def evaluate(self, layout, model, **given):  # type: ignore[no-untyped-def]
-            if given.get("watched"):
+            if given.get("tested"):
                 seen.append(model.noise.force)
             return super().evaluate(layout, model, **given)
 
