@@ -17,6 +17,7 @@ from hil.bench import load_bench, override
 from hil.bench.examples import find
 from hil.boards.emulation import located
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.blocks import read_blocks
 from hil.records.check import check
@@ -59,7 +60,7 @@ def _run(place: Path) -> Path:
     changes = {"loop": {"clock": "lockstep", "duration_s": _SECONDS}}
     bench = override(load_bench(find("bench", "s-slow")), changes, "s-slow")
     link = located("inproc:s-slow")
-    done = run(bench, link, place / "runs", truth=place / "truth.arrow", progress=lambda _: None)
+    done = run(RunRequest(bench, link, truth=place / "truth.arrow"), place / "runs", progress=lambda _: None)
     assert done.folder is not None
     return done.folder
 

@@ -18,6 +18,7 @@ from typing import Any
 import hil
 from benchmarks.row import Row
 from hil.bench import examples
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.service.catalogue import queries
 from hil.service.catalogue.catalogue import Catalogue
@@ -114,7 +115,7 @@ def _real_run(out: Path) -> Path:
     changed = {"settle_s": 0.5, "duration_s": 2.0, "clock": "lockstep", "seed": 1}
     link = f"inproc:{examples.find('scenario', 's-slow')}"
     bench = hil.load_bench("s-slow").with_(loop=changed)
-    folder = run(bench, link, out, report=False, progress=lambda _: None).folder
+    folder = run(RunRequest(bench, link), out, report=False, progress=lambda _: None).folder
     assert folder is not None
     return folder
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
 from hil.bench import examples
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
 
@@ -27,7 +28,7 @@ def rows(say: Say) -> list[Row]:
             text = examples.find("scenario", example).read_text(encoding="utf-8")
             assert "[faults]" not in text
             scenario.write_text(f"{text}\n[faults]\nclock_skew = {SKEW}\n", encoding="utf-8")
-            folder = run(bench, f"pty:{scenario}", Path(place), progress=lambda _: None).folder
+            folder = run(RunRequest(bench, f"pty:{scenario}"), Path(place), progress=lambda _: None).folder
             assert folder is not None
             result = RunFolder(folder).result
         assert result is not None

@@ -19,6 +19,7 @@ from benchmarks.lockstep import bench_of
 from benchmarks.pacer import ANSWER_LENGTH
 from benchmarks.row import Row, Say
 from hil.bench import examples, override
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
@@ -94,7 +95,7 @@ def measure(place: Path, truth: Path, say: Say) -> tuple[dict[str, dict[str, flo
                 say(f"{progress.done} of {progress.total} samples")
 
         try:
-            folder = run(bench, f"serial:{board}", place / "runs", progress=watch).folder
+            folder = run(RunRequest(bench, f"serial:{board}"), place / "runs", progress=watch).folder
             figures: dict[str, dict[str, float]] = json.loads(pacer.stdout.readline())
         finally:
             pacer.terminate()

@@ -37,6 +37,7 @@ from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import draw
 from hil.bench import Bench, override
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
@@ -101,7 +102,7 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     write_text(scenario, toml_of(drawn.table))
     bench = override(drawn.bench, {"loop": {"name": order.name.replace("_", "-")}}, order.name)
     link = f"inproc:{scenario}"
-    folder = run(bench, link, place, progress=lambda _: None).folder
+    folder = run(RunRequest(bench, link), place, progress=lambda _: None).folder
     assert folder is not None
     try:
         first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis

@@ -18,6 +18,7 @@ from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
 from hil.bench import examples
 from hil.boards.emulation import emulator
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result
@@ -103,7 +104,7 @@ def stream(rate_Hz: float, seconds: float) -> Streamed:
                 if progress.stage == "run":
                     loads.append((time.monotonic(), processor_time(board.process.pid)))
 
-            folder = run(bench, board.url, scenario.parent, progress=watch).folder
+            folder = run(RunRequest(bench, board.url), scenario.parent, progress=watch).folder
         assert folder is not None
         result = RunFolder(folder).result
         assert result is not None

@@ -143,13 +143,14 @@ def followed(name: str, seed: int) -> dict[str, Any] | None:
 def _kept(kept: Path, bench: Bench, scenario_toml: str) -> dict[str, Any]:
     if kept.exists():
         return dict(json.loads(kept.read_text()))
+    from hil.loop.request import RunRequest
     from hil.loop.run import run
     from hil.scoring.score import score
 
     with tempfile.TemporaryDirectory() as place:
         scenario, truth = Path(place) / "drawn.scenario.toml", Path(place) / "truth.arrow"
         scenario.write_text(scenario_toml, encoding="utf-8")
-        done = run(bench, f"inproc:{scenario}", Path(place), truth=truth, progress=lambda _: None)
+        done = run(RunRequest(bench, f"inproc:{scenario}", truth=truth), Path(place), progress=lambda _: None)
         assert done.folder is not None
         result = score(done.folder, truth)
         assert result.score is not None

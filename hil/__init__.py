@@ -24,7 +24,19 @@ if TYPE_CHECKING:
     from hil.library.loading import load, load_trace
     from hil.library.series import Series
     from hil.library.tracing import Trace
-    from hil.library.verbs import compare, diff, export, load_bench, open_live, replay, run, score, sweep, trace
+    from hil.library.verbs import (
+        compare,
+        diff,
+        dry_run,
+        export,
+        load_bench,
+        open_live,
+        replay,
+        run,
+        score,
+        sweep,
+        trace,
+    )
     from hil.loop.run import Interrupted
     from hil.records.methods import MethodRow, Methods
     from hil.scoring.comparison import Comparison
@@ -51,6 +63,7 @@ __all__ = [
     "__version__",
     "compare",
     "diff",
+    "dry_run",
     "export",
     "generate",
     "load",
@@ -83,6 +96,7 @@ _HOMES = {
     "WireError": "hil.wire.errors",
     "compare": "hil.library.verbs",
     "diff": "hil.library.verbs",
+    "dry_run": "hil.library.verbs",
     "export": "hil.library.verbs",
     "generate": "hil.library.generating",
     "load": "hil.library.loading",

@@ -187,15 +187,14 @@ class _Runs:
         self._progress(Progress("fit", 0, 0, note=started.words))
 
     def _once(self, bench: Bench) -> tuple[Path, Path]:
+        from hil.loop.request import RunRequest
         from hil.loop.run import run
 
         assert self._started is not None
         self._made += 1
         truth = self._aside / f"truth-{self._made}.arrow"
-        folder = run(
-            self._started.bench(bench), self._started.link(self._link), self._out, truth=truth, report=False,
-            progress=self._progress,
-        ).folder  # fmt: skip
+        request = RunRequest(self._started.bench(bench), self._started.link(self._link), truth=truth)
+        folder = run(request, self._out, report=False, progress=self._progress).folder
         assert folder is not None  # only a dry run leaves none
         place = RunFolder(folder).result_path
         result = load_result(place)

@@ -72,6 +72,7 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     from hil.bench.template import template, values_of
     from hil.errors import InputError
     from hil.errors.strict_toml import parse_table
+    from hil.loop.request import RunRequest
     from hil.loop.run import run
     from hil.records.atomic import write_text
     from hil.records.result import load_result
@@ -88,10 +89,9 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     write_text(place / "device.scenario.toml", toml_of(planned.scenario))
     write_text(place / "device.bench.toml", template(values_of(bench), "The data sheet."))
     truth = place / "truth.arrow"
-    came = run(
-        bench, f"inproc:{place / 'device.scenario.toml'}", place, open_loop=planned.open_loop, truth=truth,
-        progress=lambda _: None,
-    )  # fmt: skip
+    board = f"inproc:{place / 'device.scenario.toml'}"
+    request = RunRequest(bench, board, open_loop=planned.open_loop, truth=truth)
+    came = run(request, place, progress=lambda _: None)
     assert came.folder is not None
     line["seconds"] = round(time.monotonic() - begin, 1)
     try:

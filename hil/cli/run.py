@@ -1,20 +1,16 @@
 """``hil run``: the loop against a board, real or emulated."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-import hil
-from hil.cli.options import RUNS, BenchArgument, Duration, Json, Link, Name, Note, Out, Replace, Seed, Truth
+from hil.cli.derived import with_options
+from hil.cli.options import RUNS, BenchArgument, Json, Link, Out
+from hil.loop.options import LocalRunOptions
 
 if TYPE_CHECKING:
     from hil.bench import Bench
 
-Clock = Annotated[
-    Literal["lockstep", "paced", "real"] | None,
-    typer.Option("--clock", help="Whose clock the run follows.  [default: the bench's]"),
-]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")]
 DryRun = Annotated[
     bool,
@@ -24,31 +20,19 @@ DryRun = Annotated[
         "to (resonance, Q, split, drive needed) and question what is improbable; do not arm.",
     ),
 ]
-WireLog = Annotated[
-    Path | None,
-    typer.Option("--wire-log", help="File for the frames of a CAN link: NAME.log (candump), .blf or .asc."),
-]
 Live = Annotated[bool, typer.Option("--live", help="Serve the run's page for as long as it lasts, and open it.")]
-OpenLoop = Annotated[bool, typer.Option("--open-loop", help="Hold the drive at zero: ring-down, noise floor.")]
 
 
+@with_options(LocalRunOptions)
 def run(
     bench: BenchArgument,
     link: Link = None,
     out: Out = RUNS,
-    name: Name = None,
-    duration: Duration = None,
-    clock: Clock = None,
-    seed: Seed = None,
-    note: Note = None,
-    truth: Truth = None,
-    replace: Replace = False,
     arm: Arm = False,
     dry_run: DryRun = False,
-    open_loop: OpenLoop = False,
-    wire_log: WireLog = None,
     live: Live = False,
     json: Json = False,
+    **options: Unpack[LocalRunOptions],
 ) -> None:
     """Connect to a board, arm it, close the loop, record, and report.
 
@@ -76,39 +60,30 @@ def run(
     from hil.errors import InputError
     from hil.library.asked import asked
 
-    if live and (dry_run or truth is not None or wire_log is not None):
+    if live and (dry_run or options.get("truth") or options.get("wire_log")):
         raise InputError("--live: without --dry-run, --truth and --wire-log; give --truth to a hil emulate of its own")
-    given = {"duration_s": duration, "clock": clock, "seed": seed, "name": name}
-    declared, url, truth = request = asked(bench, given, link=link, open_loop=open_loop, truth=truth, replace=replace)
+    request = asked(bench, options, link=link, dry_run=dry_run)
+    declared, url = request.bench, request.link
     if not dry_run:
         question(declared)
     if not dry_run and not request.emulated:
         consent.require(url, declared, given=arm)
     prepare(declared)
-    if truth is not None and not dry_run:
-        truth.unlink(missing_ok=True)  # asked for, or it is not there: the board makes it anew
+    if request.truth is not None and not dry_run:
+        request.truth.unlink(missing_ok=True)  # asked for, or it is not there: the board makes it anew
     with watching(declared.loop.name) as watch:
         if live:
             from hil.cli.run_live import run_live
 
-            finish(run_live(declared, url, out, note=note, open_loop=open_loop, progress=watch), as_json=json)
-        if dry_run:
-            from hil.loop.run import run as run_loop
+            finish(run_live(request, out, watch), as_json=json)
+        from hil.loop.run import run as run_loop
 
-            looked = run_loop(
-                declared, url, out, open_loop=open_loop, dry_run=True, truth=truth, log=wire_log, progress=watch
-            )
-        else:
-            done = hil.run(
-                declared, link=url, arm=True, open_loop=open_loop, truth=truth, note=note, wire_log=wire_log, out=out,
-                progress=watch,
-            )  # fmt: skip
-    if dry_run:
-        show_identity(url, looked.identity, declared, as_json=json)
-        if not json and declared.loop.clock != "lockstep":
-            _show_what_is_held(declared, url)
-    else:
-        finish(done.path, as_json=json)
+        done = run_loop(request, out, progress=watch)
+    if done.folder is not None:
+        finish(done.folder, as_json=json)
+    show_identity(url, done.identity, declared, as_json=json)
+    if not json and declared.loop.clock != "lockstep":
+        _show_what_is_held(declared, url)
 
 
 def _show_what_is_held(bench: "Bench", url: str) -> None:

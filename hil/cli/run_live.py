@@ -8,19 +8,17 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hil.boards.emulation import shown
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.progress import Progress, Watcher
-
-if TYPE_CHECKING:
-    from hil.bench import Bench
 
 _END_S = 120.0
 
 
-def run_live(bench: "Bench", link: str, out: Path, *, note: str | None, open_loop: bool, progress: Watcher) -> Path:
+def run_live(request: RunRequest, out: Path, progress: Watcher) -> Path:
     """The folder of the run, once it has ended; its consent has been given. Raises InputError where nothing was
     recorded.
 
@@ -28,13 +26,13 @@ def run_live(bench: "Bench", link: str, out: Path, *, note: str | None, open_loo
     """
     from hil.client import connect
 
-    with _served(out, link) as said, connect(said["links"]["administer"]) as service:
+    with _served(out, request.link) as said, connect(said["links"]["administer"]) as service:
         print(f"live: {said['links']['administer']}", file=sys.stderr, flush=True)
         _show(said["links"]["administer"])
         with service.board("hil run --live") as board:
-            board.connect(shown(link))  # as a request names it: scenarios by name
+            board.connect(shown(request.link))  # as a request names it: scenarios by name
             try:
-                run = board.start(bench, arm=True, open_loop=open_loop, note=note).id
+                run = board.start(request.bench, arm=True, open_loop=request.open_loop, note=request.note).id
                 _follow(service, run, progress)
             except KeyboardInterrupt:
                 board.stop()

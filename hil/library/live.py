@@ -20,10 +20,10 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates, of_innovation
-from hil.library.asked import Asked
 from hil.library.finished_run import Run
 from hil.library.series import Series
 from hil.library.words import in_arguments_of
+from hil.loop.request import RunRequest
 from hil.progress import Watcher
 from hil.records.blocks import Columns, GrowingFile, rows_of
 from hil.records.capture import Capture
@@ -63,8 +63,8 @@ class Live:
     As a context manager it ends the run at the end of the `with`, whatever became of the iterator.
     """
 
-    def __init__(self, asked: Asked, out: Path, *, open_loop: bool, note: str | None, progress: Watcher) -> None:
-        self._following = _Following(asked, out, open_loop=open_loop, note=note, progress=progress)
+    def __init__(self, request: RunRequest, out: Path, *, progress: Watcher) -> None:
+        self._following = _Following(request, out, progress)
         # Also where the iterator is kept somewhere and the interpreter ends.
         self._finalizer = weakref.finalize(self, self._following.end)
         self._streamed = False
@@ -101,9 +101,8 @@ class Live:
 class _Following:
     """The thread that follows the loop's process, and what is known of the run."""
 
-    def __init__(self, asked: Asked, out: Path, *, open_loop: bool, note: str | None, progress: Watcher) -> None:
-        self._asked, self._out, self._open_loop = asked, out, open_loop
-        self._note, self._progress = note, progress
+    def __init__(self, request: RunRequest, out: Path, progress: Watcher) -> None:
+        self._request, self._out, self._progress = request, out, progress
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()
         self._folder: Path | None = None
@@ -181,19 +180,9 @@ class _Following:
         from hil.library.verbs import open_live  # which imports this module
         from hil.loop.run import Interrupted, run
 
-        bench, url, truth = self._asked
         try:
             with in_arguments_of(open_live):
-                run(
-                    bench,
-                    url,
-                    self._out,
-                    open_loop=self._open_loop,
-                    truth=truth,
-                    note=self._note,
-                    begun=self._begun,
-                    progress=self._progress,
-                )
+                run(self._request, self._out, begun=self._begun, progress=self._progress)
         except Interrupted:  # asked for
             pass
         except BaseException as error:  # noqa: BLE001 - of a thread, and raised where the blocks are asked for

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from numbers import Integral, Real
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Unpack, get_args
 
 import numpy.typing as npt
 
@@ -24,12 +24,14 @@ from hil.library.arrays import CALLED, Table, columns_of, write_capture
 from hil.library.asked import asked, require_consent
 from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
+from hil.library.keywords import takes
 from hil.library.live import Live
 from hil.library.loading import load_trace
 from hil.library.places import bench_file, folder_of, path_of, require
 from hil.library.series import Series
 from hil.library.tracing import Trace
 from hil.library.words import in_arguments_of, renamed, said_of_arguments
+from hil.loop.options import LocalRunOptions
 from hil.progress import Progress, Watcher
 from hil.records.capture import Hold
 from hil.records.listing import RUNS
@@ -59,67 +61,65 @@ def load_bench(name: Path | str) -> Bench:
 
 
 @said_of_arguments
+@takes(LocalRunOptions)
 def run(
     bench: Bench | Path | str,
     *,
     link: str | None = None,
     arm: bool = False,
-    open_loop: bool = False,
-    duration_s: float | None = None,
-    clock: Literal["lockstep", "paced", "real"] | None = None,
-    seed: int | None = None,
-    name: str | None = None,
-    note: str | None = None,
-    truth: Path | str | None = None,
-    wire_log: Path | str | None = None,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
+    **options: Unpack[LocalRunOptions],
 ) -> Run:
     """Connect to a board, arm it, close the loop, record, and judge.
 
     link: default the bench file's.  `pty:SCENARIO` and `inproc:SCENARIO` start an emulated board; any other may lead to
-    something that moves, and is armed with `arm=True` only.  truth: file for the emulated board's truth.  wire_log:
-    file for the frames of a CAN link, NAME.log (candump), .blf or .asc.
+    something that moves, and is armed with `arm=True` only.
     The run is recorded below `out`.  Raises InputError or WireError where no run could begin, Interrupted after Ctrl-C
     with SAFE sent and the record closed.
     """
     from hil.loop.run import run as run_loop
 
-    given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
-    require("note", note, str | None, "a text")
-    request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+    request = asked(bench, options, link=link)
     require_consent(request, given=arm)
-    done = run_loop(
-        request.bench, request.url, path_of("out", out), open_loop=open_loop, truth=request.truth, note=note,
-        log=None if wire_log is None else path_of("wire_log", wire_log), progress=_watcher(progress),
-    )  # fmt: skip
-    return _run_at(done.folder)
+    return _run_at(run_loop(request, path_of("out", out), progress=_watcher(progress)).folder)
 
 
+@said_of_arguments
+@takes(LocalRunOptions)
+def dry_run(
+    bench: Bench | Path | str,
+    *,
+    link: str | None = None,
+    progress: Watcher = alarms_only,
+    **options: Unpack[LocalRunOptions],
+) -> dict[str, Any]:
+    """Connect to a board, write its registers and read them back, compare it with the bench; nothing is armed, nothing
+    recorded.  Returns its IDENTITY, by field.  As `run`, which see.
+    """
+    from hil.loop.run import run as run_loop
+
+    request = asked(bench, options, link=link, dry_run=True)
+    return run_loop(request, RUNS, progress=_watcher(progress)).identity
+
+
+@takes(LocalRunOptions)
 def open_live(
     bench: Bench | Path | str,
     *,
     link: str | None = None,
     arm: bool = False,
-    open_loop: bool = False,
-    duration_s: float | None = None,
-    clock: Literal["lockstep", "paced", "real"] | None = None,
-    seed: int | None = None,
-    name: str | None = None,
-    note: str | None = None,
-    truth: Path | str | None = None,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
+    **options: Unpack[LocalRunOptions],
 ) -> Live:
     """A run to be looked at while it lasts, `hil.open`: `for block in hil.open(bench).stream()`.  As `run`, which see;
     nothing is connected before the first block is asked for.
     """
-    given = {"duration_s": duration_s, "clock": clock, "seed": seed, "name": name}
     with in_arguments_of(open_live):  # no decorator: hil.open is the same, and its type is plain
-        require("note", note, str | None, "a text")
-        request = asked(bench, given, link=link, open_loop=open_loop, truth=truth)
+        request = asked(bench, options, link=link)
         require_consent(request, given=arm)
-        return Live(request, path_of("out", out), open_loop=open_loop, note=note, progress=_watcher(progress))
+        return Live(request, path_of("out", out), progress=_watcher(progress))
 
 
 @said_of_arguments

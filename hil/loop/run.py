@@ -21,6 +21,7 @@ from hil.bench.by_verb import require_usable
 from hil.bench.template import template, values_of
 from hil.boards.emulation import Served, served
 from hil.errors import InputError, told_to_user
+from hil.loop.request import RunRequest
 from hil.loop.stops import alarm_of
 from hil.loop.supervision import as_raised, supervise, worker_process
 from hil.loop.worker import Order
@@ -53,33 +54,27 @@ class RunResult:
 
 
 def run(
-    bench: Bench,
-    link: str,
+    request: RunRequest,
     out: Path,
     *,
-    open_loop: bool = False,
-    dry_run: bool = False,
-    truth: Path | None = None,
-    note: str | None = None,
-    log: Path | None = None,
     begun: Callable[[Path, Callable[[], None]], None] | None = None,
     report: bool = True,
     board: Served | None = None,
     control: socket.socket | None = None,
     progress: Watcher,
 ) -> RunResult:
-    """Run the bench against `link` and record below `out`.
+    """Run the bench against the link of `request` and record below `out`.
 
-    The board of `pty:SCENARIO` is started and stopped here; `truth` goes to an emulated board, `log` takes the
-    frames of a CAN link.  `open_loop` holds the drive at zero.  `begun` is told the folder once the loop's process has
+    The board of `pty:SCENARIO` is started and stopped here.  `begun` is told the folder once the loop's process has
     started, and what has it end well, as Ctrl-C does, from whichever thread.  A run that was interrupted or failed
     leaves its folder with what was recorded and a result that says so; without `report` its page is left to be drawn
     by whoever has more to put into it.  `board` is one that serves already, and is not stopped here; `control` the
     loop's end of a line to whoever looks (`hil.loop.control`).  Raises InputError or WireError, and leaves nothing,
     when no run could begin; Interrupted, which says what was done, is raised after SAFE and a closed record.
     """
+    bench, link, dry_run, truth = request.bench, request.link, request.dry_run, request.truth
     require_usable(bench, "run")
-    if open_loop:
+    if request.open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})
     said = "nothing was armed"
@@ -88,7 +83,7 @@ def run(
         with (
             worker_process(control) as worker,
             _served(board, link, truth, bench, progress) as board,
-            _logged(log, board.url) as logged,
+            _logged(request.wire_log, board.url) as logged,
             ExitStack() as held,
         ):
             folder = out if dry_run else new_folder(out, bench)
@@ -125,7 +120,7 @@ def run(
         outcome["refused"] = [*outcome.get("refused", ()), remark]
     if recorded:
         try:
-            conclude(folder, bench, outcome, link=link, note=note, report=report, progress=progress)
+            conclude(folder, bench, outcome, link=link, note=request.note, report=report, progress=progress)
         except Interrupted as interruption:
             raise Interrupted(f"{said}; {interruption}") from None
         except OSError as error:

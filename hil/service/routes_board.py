@@ -2,15 +2,17 @@
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, cast
 
 from fastapi import APIRouter, Header, Request
 from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from hil.loop.live_settings import Settings
+from hil.loop.options import RunOptions
 from hil.service.board import part
 from hil.service.board.lease import LONGEST_S
 from hil.service.board.part import BoardPart
+from hil.service.options import run_options_of, with_fields
 from hil.service.problems import Problem
 from hil.service.security.roles import Role
 from hil.service.service import Service, holder_of, service_of
@@ -33,30 +35,24 @@ class Connect(_Body):
     """name of a bench file of this bench, or of an example, that a start takes when it names none"""
 
 
+@with_fields(RunOptions)
 class Drives(_Body):
     """What would be run."""
 
     bench: str | None = Field(default=None, max_length=200)
     bench_toml: str | None = Field(default=None, max_length=100_000)
     """a bench file's text, instead"""
-    duration_s: float | None = Field(default=None, gt=0.0, le=1e6)
-    clock: Literal["lockstep", "paced", "real"] | None = None
-    name: str | None = Field(default=None, max_length=100)
-    seed: int | None = Field(default=None, ge=0, le=2**63 - 1)
-    open_loop: StrictBool = False
     settings: Settings = Settings()
 
     @property
     def start(self) -> part.Start:
         """As the board's part has it."""
-        loop = {"duration_s": self.duration_s, "clock": self.clock, "name": self.name, "seed": self.seed}
-        return part.Start(self.bench, self.bench_toml, self.open_loop, self.settings.given, loop)
+        return part.Start(self.bench, self.bench_toml, self.settings.given, run_options_of(self))
 
 
 class Start(Drives):
     """What is to be run."""
 
-    note: str | None = Field(default=None, max_length=2000)
     consent: StrictBool = False
     """that the board may be armed: said for each run anew, needed for every board that was not started here"""
     agreed: str | None = Field(default=None, max_length=64)
@@ -135,7 +131,7 @@ async def start(request: Request, wanted: Start, x_lease: Lease = None) -> dict[
     """Arm the board and close the loop; answers when it is armed, with the run's folder."""
     said = wanted.model_dump(exclude={"bench_toml"}, exclude_none=True)
     held = _operated(request, x_lease, "start", **said)
-    return await held.start(wanted.start, consent=wanted.consent, agreed=wanted.agreed, note=wanted.note)
+    return await held.start(wanted.start, consent=wanted.consent, agreed=wanted.agreed)
 
 
 @router.post("/api/board/stop")

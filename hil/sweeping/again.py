@@ -8,6 +8,7 @@ from typing import NamedTuple
 import pyarrow.compute as pc
 
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.loop.run import run as run_loop
 from hil.progress import Watcher
 from hil.records.atomic import write_text
@@ -43,7 +44,7 @@ def make_again(plan: Plan, number: int, out: Path, results: Path, *, progress: W
         write_text(board, toml_of(scenario, f"The board of run {number} of {plan.campaign.name}."))
         if plan.campaign.each.drawn_initial:
             bench = with_drawn_initial_values(bench, board, place)
-        done = run_loop(bench, f"inproc:{board}", out, truth=truth, report=False, progress=progress)
+        done = run_loop(RunRequest(bench, f"inproc:{board}", truth=truth), out, report=False, progress=progress)
         assert done.folder is not None
         score(done.folder, truth)
         write_report(done.folder, truth)

@@ -3,11 +3,12 @@
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast, get_type_hints
 
 from hil.bench import Bench, override
 from hil.boards.emulation import is_emulated, served
 from hil.errors import InputError
+from hil.loop.options import LocalRunOptions
 from hil.progress import Progress
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
@@ -94,27 +95,32 @@ class BoardUnderTest:
         if not self._keeps(name):
             raise CannotDo(f"{self.link}: this board does not keep the clock {name!r}")
 
-    def run(self, *, open_loop: bool = False, truth: bool = False, **changes: Any) -> Run:
-        """Run the bench with keys of `[loop]` changed (`duration_s=3.0`); with `truth` score it on an emulated board.
+    def run(self, *, truth: bool = False, **given: Any) -> Run:
+        """Run the bench with the options of `hil.run` and with keys of `[loop]` changed (`duration_s=3.0`); with
+        `truth` score it on an emulated board.
 
         Raises CannotDo without consent to arm, or for `truth` of a board that is not emulated here; InputError and
-        WireError as `hil.loop.run.run`.
+        WireError as `hil.run`.
         """
+        from hil.library.asked import asked
         from hil.loop.run import run
         from hil.scoring.score import score
 
         self._require_consent()
         if truth and not self.emulated:
             raise CannotDo(f"{self.link}: no truth to compare with")
-        clock = str(changes.get("clock") or self._clock or self.bench.loop.clock)
+        clock = str(given.get("clock") or self._clock or self.bench.loop.clock)
         if not self._keeps(clock):
             clock = next((name for name in ("lockstep", "paced", "real") if self._keeps(name)), clock)
-        length_s = float(changes.get("duration_s", self.bench.loop.duration_s))
+        options = {name: given.pop(name) for name in get_type_hints(LocalRunOptions) if name in given}
+        length_s = float(options.get("duration_s") or self.bench.loop.duration_s)
         settle_s = min(self.bench.loop.settle_s, _SETTLE * length_s)
-        bench = override(self.bench, {"loop": {"settle_s": settle_s, **changes, "clock": clock}}, "the test")
+        bench = override(self.bench, {"loop": {"settle_s": settle_s, **given}}, "the test")
         self.close()
         truth_file = self._runs.with_name("truth.arrow") if truth else None
-        done = run(bench, self.link, self._runs, open_loop=open_loop, truth=truth_file, progress=_unwatched)
+        options |= {"clock": clock, "truth": truth_file, "replace": True}
+        request = asked(bench, cast(LocalRunOptions, options), link=self.link)
+        done = run(request, self._runs, progress=_unwatched)
         if done.folder is None:
             raise InputError(f"{self.link}: nothing was recorded")
         folder = RunFolder(done.folder)

@@ -10,6 +10,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.separation import Experiment, Turn, amplitude_held, experiment_called, in_words, turn_for
 from hil.bench import Bench, override
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Watcher
 from hil.records.diagnosis import Confusable, Diagnosis
@@ -77,7 +78,7 @@ def separate(
             changes(asked.experiment, bench, asked.times),
             f"the bench file with the experiment {asked.experiment.name!r}",
         )
-        folder = run(changed, link, out, note=f"experiment: {asked.words}", progress=progress).folder
+        folder = run(RunRequest(changed, link, note=f"experiment: {asked.words}"), out, progress=progress).folder
         assert folder is not None  # only a dry run leaves none
         capture = RunFolder(folder).capture_path
         try:

@@ -9,6 +9,7 @@ from hil import cli, demo
 from hil.bench import examples, load_bench
 from hil.doctor.started import Started, after_late
 from hil.loop import run as loop_run
+from hil.loop.request import RunRequest
 from hil.records.diagnosis import Coefficient, Effect
 from hil.records.result import Answers, Part, Result, load_result, save_result
 from hil.records.runfolder import RunFolder
@@ -110,8 +111,8 @@ def test_a_late_run_is_repeated_once_with_the_next_choice(tmp_path: Path, monkey
     asked: list[tuple[str, str]] = []
     drawn: list[str] = []
 
-    def run(bench: Any, link: str, out: Path, **_: Any) -> Any:
-        asked.append((bench.loop.clock, link.rpartition("?")[2]))
+    def run(request: RunRequest, out: Path, **_: Any) -> Any:
+        asked.append((request.bench.loop.clock, request.link.rpartition("?")[2]))
         folder = saved(out / f"{len(asked)}", error_rad=0.1, late=66 if len(asked) == 1 else 10)
         return loop_run.RunResult(folder, {})
 

@@ -13,6 +13,7 @@ from hil.bench.examples import find
 from hil.cli.show_diagnosis import print_diagnosis
 from hil.cli.trace import _announced, _separated
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.records.diagnosis import Confusable, Diagnosis
 from hil.tracing.separate import Asked, asked_for, changes, duration_for, named, separable, separate, within_reach
 from tests.cli.diagnoses import explained
@@ -46,9 +47,9 @@ def made(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Any:
         benches: list[Bench] = []
         asked: list[Asked] = []
 
-        def run_of(changed: Bench, link: str, out: Path, *, note: str, progress: Any) -> Any:
-            benches.append(changed)
-            assert note == f"experiment: {asked[-1].words}"
+        def run_of(request: RunRequest, out: Path, *, progress: Any) -> Any:
+            benches.append(request.bench)
+            assert request.note == f"experiment: {asked[-1].words}"
             return SimpleNamespace(folder=Path("run"))
 
         def trace(*given: Any, **named: Any) -> Any:
@@ -156,8 +157,8 @@ def test_a_record_that_is_refused_is_kept_and_the_amplitude_left_alone(
     """A modulated amplitude may be more than the converter has room for: what was known before is not lost."""
     modulated: list[float] = []
 
-    def run_of(changed: Bench, *given: Any, **named: Any) -> Any:
-        modulated.append(changed.controller.amplitude_modulation)
+    def run_of(request: RunRequest, *given: Any, **named: Any) -> Any:
+        modulated.append(request.bench.controller.amplitude_modulation)
         return SimpleNamespace(folder=Path("run"))
 
     def trace(*given: Any, **named: Any) -> Any:

@@ -12,6 +12,7 @@ import pytest
 from hil.bench import Bench, load_bench, override
 from hil.errors import InputError
 from hil.interchange.exported import tables_of
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.methods.board import board_course
 from hil.methods.course import Judge, Reference
@@ -72,7 +73,7 @@ def declared(**loop: Any) -> Bench:
 def ran(built: Path, place: Path, bench: Bench, *options: str) -> RunFolder:
     """The folder of a run with the example board."""
     with pty_board(built, "--estimator", "--rate", str(RATE_RAD_S), *options) as (_, url):
-        done = run(bench, url, place, report=False, progress=quietly)
+        done = run(RunRequest(bench, url), place, report=False, progress=quietly)
     assert done.folder is not None
     return RunFolder(done.folder)
 
@@ -206,7 +207,7 @@ def test_an_estimate_that_cannot_be_ends_in_safe_with_one_line(
 @pytest.mark.usefixtures("no_report")
 def test_a_board_without_an_estimator_is_refused_in_one_line(built: Path, tmp_path: Path) -> None:
     with pty_board(built) as (_, url), pytest.raises(InputError) as refusal:
-        run(declared(), url, tmp_path, progress=quietly)
+        run(RunRequest(declared(), url), tmp_path, progress=quietly)
     assert str(refusal.value).endswith('the board has no estimator of its own; use [loop] mode = "force"')
 
 
@@ -229,7 +230,7 @@ def test_over_keyed_udp(built: Path, tmp_path: Path) -> None:
     make_key(key)
     board = UdpBoard([str(built / "udp_board"), "239.255.42.68:42686", str(key), "127.0.0.1", "--estimator"])
     try:
-        done = run(declared(), board.url, tmp_path, report=False, progress=quietly)
+        done = run(RunRequest(declared(), board.url), tmp_path, report=False, progress=quietly)
     finally:
         board.end()
     assert done.folder is not None

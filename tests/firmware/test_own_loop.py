@@ -8,6 +8,7 @@ import pytest
 
 import hil
 from hil.bench import Bench, load_bench, override
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
@@ -63,7 +64,7 @@ def cross_boards(estimator: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 
 def ran(bench: Bench, url: str, place: Path) -> RunFolder:
     """The folder of a run whose verdict is good."""
-    done = run(bench, url, place, report=False, progress=quietly)
+    done = run(RunRequest(bench, url), place, report=False, progress=quietly)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result
@@ -184,7 +185,7 @@ def refused(estimator: Path) -> list[str]:
 @pytest.mark.usefixtures("no_report")
 def test_a_nan_of_the_boards_estimator_ends_in_safe_with_one_line(boards: Path, tmp_path: Path) -> None:
     with pty_board(boards, "--estimator", "--wrong", "1.0:nan") as (_, url):
-        done = run(declared("board"), url, tmp_path, report=False, progress=quietly)
+        done = run(RunRequest(declared("board"), url), tmp_path, report=False, progress=quietly)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from hil.bench import Bench, load_bench, override
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
@@ -34,7 +35,7 @@ def quietly(_: Progress) -> None:
 
 def ran(declared: Bench, url: str, place: Path) -> RunFolder:
     """The folder of a run whose verdict is good."""
-    done = run(declared, url, place, progress=quietly)
+    done = run(RunRequest(declared, url), place, progress=quietly)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result
@@ -89,7 +90,7 @@ def test_its_clock_is_this_machines(built: Path, tmp_path: Path, mode: str) -> N
         "test",
     )
     with pty_board(built, *options) as (_, url):
-        done = run(declared, url, tmp_path, progress=quietly)
+        done = run(RunRequest(declared, url), tmp_path, progress=quietly)
     assert done.folder is not None
     result = RunFolder(done.folder).result
     assert result is not None

@@ -21,6 +21,7 @@ from hil.bench.text import keys, sections
 from hil.errors import InputError
 from hil.loop import run as whole
 from hil.loop import worker
+from hil.loop.request import RunRequest
 from hil.records.runfolder import RunFolder
 from tests.loop import gyro
 from tests.loop.test_drive_units import drive_in
@@ -196,7 +197,7 @@ def test_the_verbs_refuse_before_they_begin(tmp_path: Path) -> None:
     own = declared("force").with_(observer={"backend": "filterpy"})
     capture = tmp_path / "none.arrow"
     acts: list[Callable[[], Any]] = [
-        lambda: whole.run(own, "inproc:none", tmp_path / "runs", progress=lambda _: None),
+        lambda: whole.run(RunRequest(own, "inproc:none"), tmp_path / "runs", progress=lambda _: None),
         lambda: tracing.trace(capture, own, tmp_path / "runs", progress=lambda _: None),
         lambda: comparing.compare(capture, own, tmp_path / "runs", progress=lambda _: None),
     ]

@@ -76,7 +76,7 @@ def test_no_option_in_a_message_becomes_an_argument_that_there_is_not(name: str)
         (hil.trace, "--missing-force", "missing_force="),
         (hil.replay, "--nonuniform", "nonuniform="),
         (hil.trace, "--hold-out", "--hold-out"),  # of several records, which the function does not take
-        (hil.run, "--replace", "--replace"),
+        (hil.run, "--replace", "replace="),
     ],
 )
 def test_an_option_is_said_as_the_argument_that_does_the_same(

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
@@ -25,7 +26,9 @@ def ran(
     scenario.write_text(scenario.read_text() + effects)
     declared = gyro.bench(seconds, **changes)
     done = run(
-        declared, f"inproc:{scenario}", tmp_path / "runs", open_loop=open_loop, truth=truth, progress=lambda _: None
+        RunRequest(declared, f"inproc:{scenario}", open_loop=open_loop, truth=truth),
+        tmp_path / "runs",
+        progress=lambda _: None,
     )
     assert done.folder is not None
     score(done.folder, truth)

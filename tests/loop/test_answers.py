@@ -20,6 +20,7 @@ from device_emulator.line import Line
 from device_emulator.scenario import load
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.answers import count_answers
@@ -380,7 +381,7 @@ def test_on_a_bad_line_every_figure_comes_from_one_count(
     scenario.write_text(f"{scenario.read_text()}\n[faults]\n{faults}\n")
     loop = {} if mode == "force" else {"mode": "gain", "block": BLOCK, "estimate_every": BLOCK}
     told: list[Progress] = []
-    done = run(gyro.bench(1.0, loop=loop), f"inproc:{scenario}", tmp_path / "runs", progress=told.append)
+    done = run(RunRequest(gyro.bench(1.0, loop=loop), f"inproc:{scenario}"), tmp_path / "runs", progress=told.append)
     assert done.folder is not None
     result = RunFolder(done.folder).result
     assert result is not None

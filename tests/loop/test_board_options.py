@@ -8,6 +8,7 @@ import hil
 from hil.bench import examples, load_bench, override
 from hil.boards.emulation import emulator, located, shown
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import untold
 from hil.wire import client
@@ -49,7 +50,7 @@ def test_they_stay_with_the_link() -> None:
 @pytest.mark.parametrize("kind", ["pty", "inproc"])
 def test_the_board_tells_them(tmp_path: Path, kind: str) -> None:
     bench = override(load_bench(examples.find("bench", "s-slow")), {"loop": {"clock": "lockstep"}}, "test")
-    told = run(bench, located(f"{kind}:s-slow?latency=4"), tmp_path, dry_run=True, progress=untold).identity
+    told = run(RunRequest(bench, located(f"{kind}:s-slow?latency=4"), dry_run=True), tmp_path, progress=untold).identity
     assert told["latency_ticks"] == 4
 
 
@@ -64,7 +65,7 @@ def test_as_options_of_the_emulator() -> None:
 def test_a_bench_file_that_says_otherwise_is_refused_in_one_line(tmp_path: Path) -> None:
     bench = override(load_bench(examples.find("bench", "s-slow")), {"loop": {"clock": "lockstep"}}, "test")
     with pytest.raises(InputError, match=r"the board samples at 8000 Hz, \[device\] sample_rate_Hz says 4000"):
-        run(bench, located("inproc:s-slow?rate=8000"), tmp_path, dry_run=True, progress=untold)
+        run(RunRequest(bench, located("inproc:s-slow?rate=8000"), dry_run=True), tmp_path, progress=untold)
 
 
 def test_beyond_what_a_board_can_have_is_one_line() -> None:

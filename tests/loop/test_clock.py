@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from hil.loop.clock import ClockExchanges
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.capture import TIME_LOCKSTEP, TIME_RUNNING
 from hil.records.result import Result
@@ -153,7 +154,7 @@ def test_asking_changes_nothing_in_the_record(tmp_path: Path, mode: str) -> None
 
 
 def recorded(bench: Any, link: str, out: Path) -> tuple[RunFolder, Result]:
-    folder = run(bench, link, out, progress=lambda _: None).folder
+    folder = run(RunRequest(bench, link), out, progress=lambda _: None).folder
     assert folder is not None
     done = RunFolder(folder)
     assert done.result is not None

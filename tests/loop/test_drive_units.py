@@ -29,6 +29,7 @@ from hil.inputs.declared import (
 from hil.interchange.importer import import_record
 from hil.loop import preflight
 from hil.loop.live_settings import LiveSettings, with_settings
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
@@ -210,7 +211,7 @@ def test_run_replay_and_trace_of_a_board_whose_drive_is_declared_so(tmp_path: Pa
     results = []
     for name in ("mps2", unit):
         bench = bench_in(name, duration_s=3.0)
-        folder = run(bench, f"inproc:{scenario}", tmp_path / name, progress=lambda _: None).folder
+        folder = run(RunRequest(bench, f"inproc:{scenario}"), tmp_path / name, progress=lambda _: None).folder
         assert folder is not None
         results.append(RunFolder(folder).result)
     usual, other = results

@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench import load_bench, override
 from hil.bench.examples import find
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.result import Result
 from hil.scoring.score import score
@@ -38,7 +39,7 @@ def scored(
     }
     bench = override(load_bench(Path(find("bench", "s-slow"))), changes | (device or {}), "test")
     truth = tmp_path / f"truth-{len(list(tmp_path.iterdir()))}.arrow"  # of each run its own: none is written over
-    done = run(bench, f"inproc:{scenario}", tmp_path, truth=truth, progress=lambda _: None)
+    done = run(RunRequest(bench, f"inproc:{scenario}", truth=truth), tmp_path, progress=lambda _: None)
     assert done.folder is not None
     return score(done.folder, truth)
 
@@ -80,7 +81,7 @@ def test_the_bench_as_run_keeps_its_effects(tmp_path: Path) -> None:
         "effects": {"sense_gain": {"gy": 0.01}},
     }
     bench = override(load_bench(Path(find("bench", "s-slow"))), changes, "test")
-    done = run(bench, f"inproc:{scenario}", tmp_path, progress=lambda _: None)
+    done = run(RunRequest(bench, f"inproc:{scenario}"), tmp_path, progress=lambda _: None)
     assert done.folder is not None
     assert load_bench(done.folder / "bench.toml").effects.named == {"sense_gain": {"gy": 0.01}}
 

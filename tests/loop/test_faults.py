@@ -8,6 +8,7 @@ import pytest
 from device_emulator.scenario import load
 from hil.bench import Bench
 from hil.boards.emulation import emulator
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result
@@ -35,7 +36,7 @@ def faulty(path: Path, faults: str) -> Path:
 
 
 def go(declared: Bench, link: str, out: Path, truth: Path | None = None) -> tuple[RunFolder, Result]:
-    done = run(declared, link, out, truth=truth, progress=quietly)
+    done = run(RunRequest(declared, link, truth=truth), out, progress=quietly)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     assert folder.result is not None

@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench import Bench
 from hil.inputs.formula import formula_of
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.runfolder import RunFolder
 from hil.scoring.score import score
@@ -60,10 +61,8 @@ def test_an_ideal_gyro_that_runs_free_is_read_by_formula_11(tmp_path: Path, vari
     """Better than its integrated rate, within its own U, and it says by what and why."""
     scenario = gyro.scenario(tmp_path / "ideal.toml", truth=IDEAL, rate=ROTATED)
     truth = tmp_path / "truth.arrow"
-    done = run(
-        declared(variant=variant), f"inproc:{scenario}", tmp_path / "runs", open_loop=True, truth=truth,
-        progress=lambda _: None,
-    )  # fmt: skip
+    request = RunRequest(declared(variant=variant), f"inproc:{scenario}", open_loop=True, truth=truth)
+    done = run(request, tmp_path / "runs", progress=lambda _: None)
     assert done.folder is not None
     result, folder = score(done.folder, truth), RunFolder(done.folder)
     assert result.angle is not None

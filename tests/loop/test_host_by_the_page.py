@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.loop.stopping import bring_to_safe
 from hil.progress import Progress
@@ -67,7 +68,7 @@ def board(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Listens]:
     out: Path = tmp_path_factory.mktemp("by-the-page")
     declared = gyro.unhurried_bench(1.5, "lockstep", link={"timeout_s": 5.0, "watchdog_s": 0.5})
     with served(Listens()) as found:
-        run(declared, found.url, out, progress=unwatched, report=False)
+        run(RunRequest(declared, found.url), out, progress=unwatched, report=False)
         yield found
 
 

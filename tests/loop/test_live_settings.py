@@ -13,6 +13,7 @@ from hil.bench import Bench, load_bench
 from hil.bench.examples import find
 from hil.errors import InputError
 from hil.loop.live_settings import at_once, in_force, with_settings
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.capture import read_capture
@@ -76,12 +77,12 @@ def test_from_then_on_the_loop_is_as_if_the_bench_file_said_so(tmp_path: Path) -
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with ours:
         ours.send(json.dumps(ASKED).encode())
-        changed = run(bench, link, tmp_path, control=theirs, progress=lambda _: None).folder
+        changed = run(RunRequest(bench, link), tmp_path, control=theirs, progress=lambda _: None).folder
         said = []
         while data := socket.recv_fds(ours, 1 << 16, 4)[0]:
             said.append(json.loads(data))
-    as_declared = run(with_settings(bench, ASKED), link, tmp_path, progress=lambda _: None).folder
-    unchanged = run(bench, link, tmp_path, progress=lambda _: None).folder
+    as_declared = run(RunRequest(with_settings(bench, ASKED), link), tmp_path, progress=lambda _: None).folder
+    unchanged = run(RunRequest(bench, link), tmp_path, progress=lambda _: None).folder
     assert changed is not None
     assert as_declared is not None
     assert unchanged is not None
@@ -115,7 +116,7 @@ def test_a_replay_changes_them_at_the_same_samples(tmp_path: Path) -> None:
     with ours:
         ours.send(json.dumps(asked[0]).encode())
         link = f"inproc:{find('scenario', 's-slow')}"
-        folder = run(bench, link, tmp_path / "live", control=theirs, progress=ask_again).folder
+        folder = run(RunRequest(bench, link), tmp_path / "live", control=theirs, progress=ask_again).folder
         assert folder is not None
         while data := socket.recv_fds(ours, 1 << 16, 4)[0]:
             if "changed" in (said := json.loads(data)):

@@ -12,6 +12,7 @@ from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.preflight import configure
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
@@ -31,7 +32,7 @@ STOP_S = 1.5
 
 def captured(declared: Bench, link: str, out: Path) -> bytes:
     """The record of a run, byte by byte."""
-    folder = run(declared, link, out, progress=lambda _: None).folder
+    folder = run(RunRequest(declared, link), out, progress=lambda _: None).folder
     assert folder is not None
     return RunFolder(folder).capture_path.read_bytes()
 
@@ -87,7 +88,9 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     with pytest.MonkeyPatch.context() as patch:  # what `_strict` and `no_scan` do, for all of this module
         patch.setenv("PYTHONWARNINGS", "error")
         patch.setattr("hil.loop.closing_scan.scan_run", lambda *_: None)
-        folder = run(DECLARED, f"inproc:{scenario}", place / "runs", report=False, progress=lambda _: None).folder
+        folder = run(
+            RunRequest(DECLARED, f"inproc:{scenario}"), place / "runs", report=False, progress=lambda _: None
+        ).folder
     assert folder is not None
     return RunFolder(folder).capture_path.read_bytes()
 

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from hil.bench import Bench, override
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.result import Result, load_result
 from hil.records.runfolder import RunFolder
@@ -23,7 +24,7 @@ EXACT = {
 
 def of(bench: Bench, tmp_path: Path) -> Result:
     scenario = gyro.scenario(tmp_path / "board.toml")
-    done = run(bench, f"inproc:{scenario}", tmp_path / "runs", progress=lambda _: None)
+    done = run(RunRequest(bench, f"inproc:{scenario}"), tmp_path / "runs", progress=lambda _: None)
     assert done.folder is not None
     return load_result(RunFolder(done.folder).result_path)
 

@@ -11,6 +11,7 @@ import pytest
 from hil.bench import Bench
 from hil.boards.emulation import emulator
 from hil.errors import InputError
+from hil.loop.request import RunRequest
 from hil.loop.run import RunResult, run
 from hil.loop.supervision import worker_process
 from hil.progress import Progress
@@ -33,7 +34,7 @@ def quietly(_: Progress) -> None:
 
 
 def go(declared: Bench, link: str, out: Path, *, open_loop: bool = False, dry_run: bool = False) -> RunResult:
-    return run(declared, link, out, open_loop=open_loop, dry_run=dry_run, progress=quietly)
+    return run(RunRequest(declared, link, open_loop=open_loop, dry_run=dry_run), out, progress=quietly)
 
 
 @contextmanager
@@ -70,7 +71,7 @@ def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
     stages: list[Progress] = []
     scenario = gyro.scenario(tmp_path / "board.toml")
     declared = gyro.bench(3.0, loop={"name": "first"})
-    done = run(declared, f"inproc:{scenario}", tmp_path / "runs", note="by hand", progress=stages.append)
+    done = run(RunRequest(declared, f"inproc:{scenario}", note="by hand"), tmp_path / "runs", progress=stages.append)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result
@@ -125,7 +126,7 @@ def test_a_watcher_that_fails_leaves_no_board_driven(tmp_path: Path) -> None:
 
     with emulator(gyro.unhurried_scenario(tmp_path / "board.toml")) as board:
         with pytest.raises(ZeroDivisionError):
-            run(gyro.unhurried_bench(60.0), board.url, tmp_path / "runs", progress=fail)
+            run(RunRequest(gyro.unhurried_bench(60.0), board.url), tmp_path / "runs", progress=fail)
         assert safe_reason(board.url) == SafeReason.INTERRUPTED
     (folder,) = (tmp_path / "runs").iterdir()
     assert read_capture(folder / "capture.arrow").complete

@@ -11,6 +11,7 @@ from estimator.observer import Observer
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.loop.opening import Opening
 from hil.loop.preflight import configure
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.loop.signs import samples_needed, wrong_way
 from hil.records.recorder import record_here
@@ -100,7 +101,7 @@ def test_what_else_is_wrong_is_not_taken_for_a_sign(tmp_path: Path, scenario: di
 )
 def test_a_run_says_it_first(tmp_path: Path, signs: tuple[int, ...], words: str) -> None:
     with misbehaving.served(misbehaving.Turned(*signs)) as board:
-        done = run(slow_bench(6.0, "lockstep"), board.url, tmp_path, progress=Told())
+        done = run(RunRequest(slow_bench(6.0, "lockstep"), board.url), tmp_path, progress=Told())
     assert done.folder is not None
     result = RunFolder(done.folder).result
     assert result is not None

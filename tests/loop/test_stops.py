@@ -12,6 +12,7 @@ import pytest
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.loop import supervision
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result
@@ -48,7 +49,7 @@ class Told:
 
 def go(board: Board, declared: Bench, out: Path, told: Told | None = None) -> Result:
     """A run that leaves a record, with the verdict that it got."""
-    done = run(declared, board.url, out, progress=told or Told())
+    done = run(RunRequest(declared, board.url), out, progress=told or Told())
     assert done.folder is not None
     result = RunFolder(done.folder).result
     assert result is not None
@@ -160,7 +161,7 @@ def test_safe_is_sent_until_it_is_answered(tmp_path: Path) -> None:
 def test_safe_though_arm_was_not_answered(tmp_path: Path) -> None:
     with served(misbehaving.Speechless()) as board:
         with pytest.raises(WireError, match="no answer to ARM within 1 s"):
-            run(bench(), board.url, tmp_path, progress=Told())
+            run(RunRequest(bench(), board.url), tmp_path, progress=Told())
         assert board.state is State.SAFE
         assert board.reason is SafeReason.HOST_REQUEST
     assert not list(tmp_path.iterdir())
@@ -182,7 +183,7 @@ def test_safe_after_arm_was_not_answered_may_be_unconfirmed(tmp_path: Path) -> N
 @pytest.mark.parametrize(("reason", "words"), [(8, "LATCHED"), (NackReason.BAD_STATE, "not greeted")])
 def test_a_refusal_to_be_armed_is_one_line(tmp_path: Path, reason: int, words: str) -> None:
     with served(misbehaving.Refuses(reason)) as board, pytest.raises(ProtocolError, match="refused ARM") as caught:
-        run(bench(), board.url, tmp_path, progress=Told())
+        run(RunRequest(bench(), board.url), tmp_path, progress=Told())
     assert reason == 8 or words in str(caught.value)
     assert board.arms == 1
     assert board.safes == 1
@@ -232,7 +233,7 @@ def test_a_register_that_reads_otherwise_is_refused(tmp_path: Path) -> None:
         for dry in (True, False):
             board = misbehaving.Stubborn("WATCHDOG_TICKS", 16.0, honest=honest)
             with served(board), pytest.raises(ProtocolError, match="WATCHDOG_TICKS reads 16 after 200 was written"):
-                run(bench(), board.url, tmp_path, dry_run=dry, progress=Told())
+                run(RunRequest(bench(), board.url, dry_run=dry), tmp_path, progress=Told())
             assert board.arms == 0
     assert not list(tmp_path.iterdir())
 
@@ -260,7 +261,7 @@ def test_an_identity_that_no_board_can_have_is_refused(tmp_path: Path, field: st
         served(Board(), **{field: value}) as board,
         pytest.raises(InputError, match=rf"IDENTITY\.{field} is") as caught,
     ):
-        run(bench(), board.url, tmp_path, dry_run=dry, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=dry), tmp_path, progress=Told())
     assert "\n" not in str(caught.value)
     assert board.arms == 0
 
@@ -269,7 +270,7 @@ def test_a_session_that_reads_one_more_is_refused(tmp_path: Path) -> None:
     """A register gives back the very double that was written."""
     said = r"SESSION reads \d+ after \d+ was"
     with served(misbehaving.Miscounts()) as board, pytest.raises(ProtocolError, match=said):
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
     assert board.arms == 0
 
 
@@ -279,14 +280,14 @@ def test_a_swing_beyond_the_converter_is_refused(tmp_path: Path) -> None:
         served(Board(), sense_scale_V=0.05 / 2**15) as board,
         pytest.raises(InputError, match=r"0\.0885 V on x.*± 0\.05 V"),
     ):
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
     with served(Board(), sense_scale_V=0.1) as board, pytest.raises(InputError, match="nothing could be measured"):
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
 
 
 def test_a_clock_that_stands_still_is_refused(tmp_path: Path) -> None:
     with served(misbehaving.ClockStands()) as board, pytest.raises(ProtocolError, match="clock went on by 0 s in"):
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
     assert board.arms == 0
 
 
@@ -294,7 +295,7 @@ def test_a_clock_that_stands_still_is_refused(tmp_path: Path) -> None:
 @pytest.mark.parametrize("factor", [0.8, 1.25, 2.0])
 def test_a_clock_that_does_not_keep_time_is_refused(tmp_path: Path, factor: float) -> None:
     with served(misbehaving.ClockRuns(factor)) as board, pytest.raises(ProtocolError, match="clock went on by"):
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
     assert board.arms == 0
 
 
@@ -390,7 +391,7 @@ def test_a_run_is_bounded_in_wall_time(tmp_path: Path) -> None:
 
 def test_session_is_written_and_is_not_zero(tmp_path: Path) -> None:
     with served(Board()) as board:
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
     assert board.values[SPEC.registers["SESSION"].id] != 0
 
 
@@ -467,14 +468,14 @@ def test_a_board_that_limits_further_and_says_so_is_believed(tmp_path: Path) -> 
 @pytest.mark.parametrize("answer", [(State.IDLE, 0), (State.SAFE, SafeReason.HOST_REQUEST), (99, 98)])
 def test_an_arm_answered_by_another_state_is_refused(tmp_path: Path, answer: tuple[int, int]) -> None:
     with served(misbehaving.Answers(*answer)) as board, pytest.raises(ProtocolError, match="answered ARM") as caught:
-        run(bench(), board.url, tmp_path, progress=Told())
+        run(RunRequest(bench(), board.url), tmp_path, progress=Told())
     assert (State(answer[0]).name if answer[0] != 99 else "state 99") in str(caught.value)
     assert (board.arms, board.state) == (1, State.SAFE)
 
 
 def test_a_hello_that_is_refused_is_not_called_unanswered(tmp_path: Path) -> None:
     with served(misbehaving.RefusesHello()) as board, pytest.raises(ProtocolError, match="refused HELLO: BAD_STATE"):
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
 
 
 @pytest.mark.beyond(2)
@@ -484,13 +485,13 @@ def test_a_hello_that_is_refused_is_not_called_unanswered(tmp_path: Path) -> Non
 )
 def test_what_no_board_has_is_the_firmwares(tmp_path: Path, field: str, value: float) -> None:
     with served(Board(), **{field: value}) as board, pytest.raises(InputError, match=rf"IDENTITY\.{field}") as caught:
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
     assert str(caught.value).endswith("correct the firmware")
 
 
 def test_a_board_that_drives_in_no_mode_is_refused(tmp_path: Path) -> None:
     with served(Board(), capabilities=0) as board, pytest.raises(InputError, match="capabilities is 0"):
-        run(bench(), board.url, tmp_path, dry_run=True, progress=Told())
+        run(RunRequest(bench(), board.url, dry_run=True), tmp_path, progress=Told())
 
 
 @pytest.mark.beyond(1)

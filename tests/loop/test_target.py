@@ -7,6 +7,7 @@ import pytest
 
 from hil.bench import load_bench, override
 from hil.bench.examples import find
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.capture import read_capture
 from hil.scoring.score import score
@@ -24,7 +25,9 @@ def test_the_drive_follows_the_steps_and_the_angle_does_not(tmp_path: Path) -> N
     }
     bench = override(load_bench(find("bench", "s-slow")), changes, "test")
     truth = tmp_path / "truth.arrow"
-    done = run(bench, f"inproc:{find('scenario', 's-slow')}", tmp_path, truth=truth, progress=lambda _: None)
+    done = run(
+        RunRequest(bench, f"inproc:{find('scenario', 's-slow')}", truth=truth), tmp_path, progress=lambda _: None
+    )
     assert done.folder is not None
     capture = read_capture(done.folder / "capture.arrow")
     gain = bench.device.sense_gains_V_per_m[0]

@@ -10,6 +10,7 @@ import pytest
 
 import hil
 from hil.bench import examples
+from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.records.result import Result, save_result
 from tests.made_once import made_once
@@ -20,7 +21,7 @@ def real_run(out: Path, *, seconds: float = 1.5, name: str = "real", report: boo
     changed = {"settle_s": 0.5, "duration_s": seconds, "clock": "lockstep", "name": name, "seed": 1}
     bench = hil.load_bench("s-slow").with_(loop=changed)
     link = f"inproc:{examples.find('scenario', 's-slow')}"
-    done = run(bench, link, out, report=report, progress=lambda _: None)
+    done = run(RunRequest(bench, link), out, report=report, progress=lambda _: None)
     assert done.folder is not None
     return done.folder
 

@@ -190,11 +190,12 @@ def test_bench_files_are_listed_and_given_what_a_trace_found(bench: Serving, tmp
 def test_a_trace_by_a_job_and_its_effect_added(bench: Serving) -> None:
     """The circle without the board: what is missing is found, declared in a new bench file, and undone by a replay."""
     from hil.bench import examples
+    from hil.loop.request import RunRequest
     from hil.loop.run import run
 
     declared = hil.load_bench("s-undeclared").with_(loop={"clock": "lockstep", "duration_s": 10.0, "settle_s": 2.0})
     link = f"inproc:{examples.find('scenario', 's-undeclared')}"
-    folder = run(declared, link, bench.folder, report=False, progress=lambda _: None).folder
+    folder = run(RunRequest(declared, link), bench.folder, report=False, progress=lambda _: None).folder
     assert folder is not None
     _until(lambda: bench.ask("GET", f"/api/runs/{folder.name}").status_code == 200)
     asked = bench.ask("POST", "/api/jobs", json={"kind": "trace", "run": folder.name, "bench": "s-undeclared"})

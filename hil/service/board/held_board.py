@@ -11,15 +11,15 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hil.bench import Bench
 from hil.boards.emulation import Served
 from hil.errors import InputError, told_to_user
 from hil.errors.faults import fault_line
 from hil.loop.live_settings import in_force
+from hil.loop.request import RunRequest
 from hil.loop.stops import reason_name
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
@@ -48,10 +48,8 @@ Answer = Callable[[dict[str, Any]], None]
 class Start:
     """What a run is to be."""
 
-    bench: Bench
+    request: RunRequest
     out: Path
-    open_loop: bool
-    note: str | None
     control: socket.socket
 
 
@@ -350,15 +348,15 @@ class HeldBoard:
         self._close()
         self._stop_early, self._interrupted_s, self._starting, self._alarm = False, None, answer, ""
         self._loop_has_link = True
-        self._leaves = start.bench.loop.clock == "lockstep"
+        self._leaves = start.request.bench.loop.clock == "lockstep"
         self._change(
             stage="connect",
             done=0,
             total=0,
             words="",
-            settings=in_force(start.bench),
-            bench=start.bench.loop.name,
-            duration_s=start.bench.loop.duration_s,
+            settings=in_force(start.request.bench),
+            bench=start.request.bench.loop.name,
+            duration_s=start.request.bench.loop.duration_s,
             safe_tick=None,
         )
         self._running = threading.Thread(target=self._run, args=(start,), name="run")
@@ -380,16 +378,9 @@ class HeldBoard:
 
         try:
             done = run(
-                start.bench,
-                link.url,
-                start.out,
-                open_loop=start.open_loop,
-                note=start.note,
-                begun=begun,
-                board=self._board,
-                control=start.control,
-                progress=self._progress,
-            )
+                replace(start.request, link=link.url), start.out,
+                begun=begun, board=self._board, control=start.control, progress=self._progress,
+            )  # fmt: skip
             if done.folder is not None:
                 result = RunFolder(done.folder).result
                 if result is not None:

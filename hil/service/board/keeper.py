@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench import Bench
+from hil.loop.request import RunRequest
 from hil.records.changes import note_change
 from hil.service.board.held_board import HeldBoard, Start
 from hil.service.board.messages import LARGEST, LOOP, Message, in_folder, receive, send
@@ -151,7 +152,8 @@ class _Keeper:
         self._let_line_go()
         self._line = ours
         self._selector.register(ours, selectors.EVENT_READ, self._hear_loop)
-        self._board.start(Start(bench, self._out, message["open_loop"], message["note"], theirs), started)
+        request = RunRequest(bench, "", open_loop=message["open_loop"], note=message["note"])  # the link is held here
+        self._board.start(Start(request, self._out, theirs), started)
 
     def _settings(self, settings: dict[str, float], answer: Any) -> None:
         if self._line is None:

@@ -5,14 +5,16 @@ import os
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.library.asked import Asked, asked, require_consent
+from hil.library.asked import asked, require_consent
 from hil.loop.drives import Fact, digest, drives, in_one_line
 from hil.loop.live_settings import Settings, at_once, with_settings
+from hil.loop.options import RunOptions
+from hil.loop.request import RunRequest
 from hil.service.bench_files import found
 from hil.service.board.lease import Leases
 from hil.service.board.line import BoardLine
@@ -30,13 +32,12 @@ Track = Callable[[str, dict[str, Any], int], None]
 
 @dataclass(frozen=True)
 class Start:
-    """What is to be run: a bench file by name or as text, keys of its [loop], settings in the place of its own."""
+    """What is to be run: a bench file by name or as text, settings in the place of its own, what else is asked."""
 
     bench: str | None
     bench_toml: str | None
-    open_loop: bool
     settings: dict[str, float]
-    loop: dict[str, Any]
+    options: RunOptions
 
 
 class BoardPart:
@@ -100,7 +101,7 @@ class BoardPart:
         _, facts = await self._asked(start)
         return {"drives": [fact._asdict() for fact in facts], "digest": digest(facts)}
 
-    async def start(self, start: Start, *, consent: bool, agreed: str | None, note: str | None) -> dict[str, Any]:
+    async def start(self, start: Start, *, consent: bool, agreed: str | None) -> dict[str, Any]:
         """Begin a run; {"run": folder}. Raises Problem or InputError where it is refused."""
         request, facts = await self._asked(start)
         try:
@@ -118,22 +119,22 @@ class BoardPart:
             _START_S,
             bench=request.bench.model_dump_json(),
             out=os.path.realpath(self._service.folder),
-            open_loop=start.open_loop,
-            note=note,
+            open_loop=request.open_loop,
+            note=request.note,
         )
         return {"run": said["run"]}
 
-    async def _asked(self, start: Start) -> tuple[Asked, tuple[Fact, ...]]:
+    async def _asked(self, start: Start) -> tuple[RunRequest, tuple[Fact, ...]]:
         """The run with every setting in it, and what it would drive."""
         if not self._told["connected"]:
             raise Problem(409, "no board is connected", "POST /api/board/connect")
         name = start.bench or self._bench_name
         request = await asyncio.to_thread(self._declared, name, start)
         bench = with_settings(request.bench, self._waiting() | start.settings)
-        facts = drives(bench, request.url, request.bench)
-        return request._replace(bench=bench), facts
+        facts = drives(bench, request.link, request.bench)
+        return replace(request, bench=bench), facts
 
-    def _declared(self, name: str | None, start: Start) -> Asked:
+    def _declared(self, name: str | None, start: Start) -> RunRequest:
         declared: Any = None
         if start.bench_toml is not None:
             declared = _parsed(start.bench_toml)
@@ -141,7 +142,7 @@ class BoardPart:
             declared = found(self._service.folder, "bench", name)
         else:
             raise Problem(422, "no bench file is named", 'give "bench", or "bench_toml" with what is in one')
-        return asked(declared, start.loop, link=self._told["link"], open_loop=start.open_loop, truth=None)
+        return asked(declared, start.options, link=self._told["link"])
 
     def _waiting(self) -> dict[str, float]:
         """Settings that wait for the next start: of the lease under which they were asked for, and of no other."""

@@ -11,14 +11,15 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from hil.bench import load_any_bench
 from hil.boards.emulation import is_emulated
 from hil.errors import InputError
+from hil.loop.options import RunOptions
 from hil.records.run_name import RUN_NAME
 from hil.service.bench_files import found
 from hil.service.jobs.uploads import Uploads
+from hil.service.options import with_fields
 from hil.wire.link_name import Emulated, parse_link
 
 Name = Annotated[str, StringConstraints(pattern=RUN_NAME, max_length=60)]
 Word = Annotated[str, StringConstraints(max_length=200)]
-Seconds = Annotated[float, Field(gt=0, le=1e6, allow_inf_nan=False)]
 _SCENARIO = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,150}")
 
 
@@ -26,18 +27,13 @@ class _Asked(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
+@with_fields(RunOptions)
 class AskedRun(_Asked):
     """A run of an emulated board. A real board is started by its own requests, POST /api/board/start."""
 
     kind: Literal["run"]
     bench: Word
     link: Word | None = Field(default=None, description="inproc:SCENARIO or pty:SCENARIO; by default the bench file's")
-    duration_s: Seconds | None = None
-    clock: Literal["lockstep", "paced", "real"] | None = None
-    seed: Annotated[int, Field(ge=0, lt=2**63)] | None = None
-    open_loop: bool = False
-    name: Name | None = None
-    note: Annotated[str, StringConstraints(max_length=10_000)] | None = None
     score: bool = Field(default=False, description="Hold the run against the truth of the emulated board")
 
 

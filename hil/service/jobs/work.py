@@ -23,16 +23,11 @@ def _run(order: dict[str, Any], out: Path, place: Path, began: Said, progress: W
     from hil.library.asked import asked
     from hil.loop.run import run
 
-    given = {name: order.get(name) for name in ("duration_s", "clock", "seed", "name")}
-    scored = order.get("score", False)
-    truth = place / "truth.arrow" if scored else None
-    open_loop = order.get("open_loop", False)
-    request = asked(order["bench"], given, link=order["link"], open_loop=open_loop, truth=truth)
+    truth = place / "truth.arrow" if order.pop("score", False) else None
+    bench, link, _ = order.pop("bench"), order.pop("link"), order.pop("called")
+    request = asked(bench, {**order, "truth": truth}, link=link)  # type: ignore[typeddict-item]
     assert request.emulated  # was looked at before, and is not driven unasked
-    done = run(
-        request.bench, request.url, out, open_loop=open_loop, truth=request.truth, note=order.get("note"),
-        begun=lambda folder, _: began(folder.name), progress=progress,
-    )  # fmt: skip
+    done = run(request, out, begun=lambda folder, _: began(folder.name), progress=progress)
     assert done.folder is not None
     if truth is not None:
         progress(Progress("score", 0, 0))
