@@ -24,6 +24,7 @@ from benchmarks.row import Row, Say
 from device_emulator.scenario import load
 from estimator.core.own import address, is_compiled
 from estimator.custom import Coefficient, Declaration
+from estimator.custom.building import built
 from estimator.effects.declaration import Effect
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
@@ -94,7 +95,7 @@ def _effects(device: Device) -> Iterator[tuple[str, Declaration, Effect]]:
     """The catalogue's name, what is declared in its place, and the effect of it: from text, and from a package."""
     scaling = Observer(device, ObserverSettings()).scaling
     for name, declared in ALIKE.items():
-        yield name, declared, declared.effect(scaling, 2)
+        yield name, declared, built(declared, scaling, 2)
     with _installed(PACKAGED):
         (effect,) = own_effects(load_bench(find("bench", "s-slow")), device)
     yield "cubic_stiffness", PACKAGED, effect

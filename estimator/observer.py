@@ -158,7 +158,7 @@ class Observer:
         if settings.gain is Gain.STATIONARY:
             from estimator.stationary import stationary_table
 
-            self._table = stationary_table(self)
+            self._table = stationary_table(self.arrays, self.device, settings, self.h)
         self._carried_angle: CarriedAngle | None = None  # while the motion is found anew
         self._filter: Filter | None = None
 

@@ -20,7 +20,10 @@ _TAKEN = {name for model in MODELS for name in model.names}
 
 
 def built(declared: Declaration, scaling: Scaling, axes: int) -> Effect:
-    """`Declaration.effect`."""
+    """The effect of a declaration as observers carry it, on a device of that scaling.
+
+    Raises ModelError where a single axis has not what its laws speak of.
+    """
     laws = declared.laws()
     if axes == 1:
         _require_single(laws)

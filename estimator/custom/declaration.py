@@ -14,8 +14,6 @@ from estimator.errors import ModelError
 
 if TYPE_CHECKING:
     from estimator.custom.grammar import Node
-    from estimator.effects.declaration import Effect
-    from estimator.scaling import Scaling
 
 PLAUSIBLE = 0.05
 """Of a coefficient where nothing is given: its force a twentieth of the spring's at amplitude."""
@@ -93,15 +91,6 @@ class Declaration:
         for table in ("coefficients", "parameters"):
             if idle := [name for name in getattr(self, table) if name not in used]:
                 raise ModelError(f"{table}.{idle[0]}: in none of the laws; use it there, or leave it out")
-
-    def effect(self, scaling: "Scaling", axes: int) -> "Effect":
-        """The effect as observers carry it, on a device of that scaling.
-
-        Raises ModelError where a single axis has not what its laws speak of.
-        """
-        from estimator.custom.building import built
-
-        return built(self, scaling, axes)
 
     @property
     def start(self) -> dict[str, float]:

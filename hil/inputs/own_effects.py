@@ -57,11 +57,13 @@ def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
     """
     if not may_have_any(bench):
         return ()
+    from estimator.custom.building import built  # SymPy
+
     taken = _Taken()
     axes, scaling = device.axes, _scaling(device)
     for name, one in bench.effects.custom.items():
         try:
-            taken.add(one.declared(name).effect(scaling, axes))
+            taken.add(built(one.declared(name), scaling, axes))
         except ModelError as error:
             raise InputError(f"[effects.custom.{name}] {error}") from None
     brought = packaged()
@@ -70,7 +72,7 @@ def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
         raise InputError(brought.broken[wrong[0]])
     for name, declared in brought.effects.items():
         try:
-            taken.add(declared.effect(scaling, axes) if isinstance(declared, Declaration) else declared)
+            taken.add(built(declared, scaling, axes) if isinstance(declared, Declaration) else declared)
         except ModelError as error:
             if name in named:
                 raise InputError(f"[effects.{name}] {error}") from None

@@ -63,8 +63,8 @@ class Live:
     As a context manager it ends the run at the end of the `with`, whatever became of the iterator.
     """
 
-    def __init__(self, request: RunRequest, out: Path, *, progress: Watcher) -> None:
-        self._following = _Following(request, out, progress)
+    def __init__(self, request: RunRequest, out: Path, *, opened_by: Callable[..., Any], progress: Watcher) -> None:
+        self._following = _Following(request, out, opened_by, progress)
         # Also where the iterator is kept somewhere and the interpreter ends.
         self._finalizer = weakref.finalize(self, self._following.end)
         self._streamed = False
@@ -101,8 +101,8 @@ class Live:
 class _Following:
     """The thread that follows the loop's process, and what is known of the run."""
 
-    def __init__(self, request: RunRequest, out: Path, progress: Watcher) -> None:
-        self._request, self._out, self._progress = request, out, progress
+    def __init__(self, request: RunRequest, out: Path, opened_by: Callable[..., Any], progress: Watcher) -> None:
+        self._request, self._out, self._opened_by, self._progress = request, out, opened_by, progress
         self._thread: threading.Thread | None = None
         self._lock = threading.Lock()
         self._folder: Path | None = None
@@ -177,11 +177,10 @@ class _Following:
             interrupt()
 
     def _follow(self) -> None:
-        from hil.library.verbs import open_live  # which imports this module
         from hil.loop.run import Interrupted, run
 
         try:
-            with in_arguments_of(open_live):
+            with in_arguments_of(self._opened_by):
                 run(self._request, self._out, begun=self._begun, progress=self._progress)
         except Interrupted:  # asked for
             pass

@@ -119,7 +119,7 @@ def open_live(
     with in_arguments_of(open_live):  # no decorator: hil.open is the same, and its type is plain
         request = asked(bench, options, link=link)
         require_consent(request, given=arm)
-        return Live(request, path_of("out", out), progress=_watcher(progress))
+        return Live(request, path_of("out", out), opened_by=open_live, progress=_watcher(progress))
 
 
 @said_of_arguments

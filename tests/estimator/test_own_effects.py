@@ -10,6 +10,7 @@ import pytest
 
 from estimator.core import compiler, own
 from estimator.custom import Coefficient, Declaration, Parameter
+from estimator.custom.building import built
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
@@ -89,7 +90,7 @@ def scaling() -> Scaling:
 def with_own(declared: Declaration, axes: int = 2, of: Device | None = None) -> Device:
     made = of or device(axes)
     own_scaling = Scaling(OMEGA0, made.amplitude, made.sense_gain)
-    return replace(made, own=(declared.effect(own_scaling, axes),))
+    return replace(made, own=(built(declared, own_scaling, axes),))
 
 
 def both(name: str, controller: ControllerSettings | None = None) -> tuple[Observer, Observer]:
@@ -277,7 +278,7 @@ def test_code_is_kept_by_what_it_consists_of(tmp_path: Path, monkeypatch: pytest
     _, model = model_for(2)
 
     def effect(name: str, law: str, symbol: str) -> Effect:
-        return Declaration(name, force=(law, ""), coefficients={symbol: Coefficient("1/s²")}).effect(scaling(), 2)
+        return built(Declaration(name, force=(law, ""), coefficients={symbol: Coefficient("1/s²")}), scaling(), 2)
 
     first = effect("mine", "-q * x / 3", "q")
     assert not own.is_compiled(first, model)
@@ -301,7 +302,7 @@ def test_without_a_compiler_one_line_names_both_cures(tmp_path: Path, monkeypatc
     law = Declaration("mine", force=("-q * x / 5", ""), coefficients={"q": Coefficient("1/s²")})
     cures = r"^effect mine: no C compiler: .*apt install gcc.*pip install 'gyrohil\[compiler\]'$"
     with pytest.raises(ModelError, match=cures):
-        own.address(law.effect(scaling(), 2), model)
+        own.address(built(law, scaling(), 2), model)
 
 
 def test_a_compiler_that_fails_is_told_with_its_word(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -313,7 +314,7 @@ def test_a_compiler_that_fails_is_told_with_its_word(tmp_path: Path, monkeypatch
     _, model = model_for(2)
     law = Declaration("mine", force=("-q * x / 6", ""), coefficients={"q": Coefficient("1/s²")})
     with pytest.raises(ModelError, match=r"^effect mine: .*out of wits"):
-        own.address(law.effect(scaling(), 2), model)
+        own.address(built(law, scaling(), 2), model)
     assert not list((tmp_path / "own").iterdir())  # nothing half made
 
 
