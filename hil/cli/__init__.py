@@ -5,12 +5,13 @@ the top, so that ``hil --help`` answers at once.
 """
 
 import atexit
+import json
 import os
 import sys
 import warnings
 from typing import Any, NoReturn
 
-from hil.errors import printable, told_to_user
+from hil.errors import in_two, printable, told_to_user
 from hil.errors.exit_codes import ExitCode
 from hil.errors.interruption import take_signals
 
@@ -55,13 +56,15 @@ def execute(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED
     except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
-        if (sentence := _sentence(error, arguments)) is not None:
-            _say(sentence)
-            return ExitCode.BAD_INPUT
-        from hil.errors.faults import kept_fault
+        code = ExitCode.BAD_INPUT
+        if (sentence := _sentence(error, arguments)) is None:
+            from hil.errors.faults import kept_fault
 
-        _say(kept_fault(error))
-        return ExitCode.FAULT
+            code, sentence = ExitCode.FAULT, kept_fault(error)
+        _say(sentence)
+        if "--json" in arguments:
+            print(json.dumps({**in_two(sentence)._asdict(), "exit_code": int(code)}))
+        return code
     if code == ExitCode.INTERRUPTED:  # newer typers return it, older ones raise
         _say("interrupted")
     return int(code or 0)

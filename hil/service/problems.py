@@ -10,11 +10,11 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from estimator.errors import ModelError
-from hil.errors import InputError, printable, told_to_user
+from hil.errors import InputError, in_two, told_to_user
+from hil.errors.told import Told
 from hil.wire.errors import WireError
 
 _UNDONE = "nothing was done; make room and ask again"
-_LONGEST = 400  # characters of a line: what was sent may be quoted in it
 _LOG = logging.getLogger("hil.service")
 _OTHERWISE = {
     404: "GET /openapi.json lists what there is",
@@ -30,12 +30,12 @@ _UNKNOWN = {
 
 
 class Problem(Exception):
-    """A request that is refused with `status`; `error` and `remedy` are one line each, see `in_two`."""
+    """A request that is refused with `status`; `error` and `remedy` are one line each, see `told`."""
 
     def __init__(self, status: int, error: str, remedy: str = "") -> None:
         super().__init__(error)
         self.status = status
-        self.error, self.remedy = in_two(status, error, remedy)
+        self.error, self.remedy = told(status, error, remedy)
 
 
 class ProblemBody(BaseModel):
@@ -49,18 +49,12 @@ class ProblemBody(BaseModel):
 
 def problem_response(status: int, error: str, remedy: str = "") -> JSONResponse:
     """The answer that refuses."""
-    what, then = in_two(status, error, remedy)
-    return JSONResponse({"error": what, "remedy": then}, status)
+    return JSONResponse(told(status, error, remedy)._asdict(), status)
 
 
-def in_two(status: int, error: str, remedy: str = "") -> tuple[str, str]:
-    """What is wrong and what to do about it, one line each, neither empty: where no remedy is given it is the end of
-    the error, behind its last semicolon, as errors of the library have it; else what helps with most of that status.
-    """
-    if not remedy:
-        said, mark, last = error.rpartition("; ")
-        error, remedy = (said, last) if mark and last.strip() else (error, _OTHERWISE.get(status, _ASK_RIGHTLY))
-    return _line(error) or "refused", _line(remedy)
+def told(status: int, error: str, remedy: str = "") -> Told:
+    """The refusal in two lines, neither empty: where it has no remedy, what helps with most of that status."""
+    return in_two(error, remedy, _OTHERWISE.get(status, _ASK_RIGHTLY))
 
 
 def answer_problems(app: FastAPI) -> None:
@@ -93,9 +87,9 @@ def answer_problems(app: FastAPI) -> None:
     async def _disk(_: Request, error: OSError) -> JSONResponse:
         if isinstance(error, WireError):
             return problem_response(400, str(error))
-        if (told := told_to_user(error)) is None:
+        if (line := told_to_user(error)) is None:
             return await _fault(_, error)
-        return problem_response(507, told, _UNDONE)
+        return problem_response(507, line, _UNDONE)
 
     @app.exception_handler(sqlite3.OperationalError)
     async def _catalogue(_: Request, error: sqlite3.OperationalError) -> JSONResponse:
@@ -105,8 +99,3 @@ def answer_problems(app: FastAPI) -> None:
     async def _fault(_: Request, error: Exception) -> JSONResponse:
         _LOG.error("a fault of hil", exc_info=error)
         return problem_response(500, f"a fault of hil: {type(error).__name__}", "the service's output has the details")
-
-
-def _line(text: str) -> str:
-    line = printable(" ".join(text[: 4 * _LONGEST].split()))
-    return line if len(line) <= _LONGEST else f"{line[: _LONGEST - 1]}…"

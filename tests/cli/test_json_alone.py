@@ -100,10 +100,11 @@ def test_what_serves_says_one_document_and_nothing_more(start: Start, verb: str)
 
 
 @pytest.mark.parametrize("verb", ABSENT)
-def test_a_bad_request_says_nothing_there_and_one_line_elsewhere(hil: Hil, tmp_path: Path, verb: str) -> None:
+def test_a_bad_request_is_one_document_there_and_one_line_elsewhere(hil: Hil, tmp_path: Path, verb: str) -> None:
     (tmp_path / "ride.csv").write_text(CSV)
     code, out, err = hil(verb, *ABSENT[verb], "--json")
-    assert (code, out) == (2, "")
+    said = json.loads(out)
+    assert (code, said["exit_code"], said.keys()) == (2, 2, {"error", "remedy", "exit_code"})
     *before, last = err.splitlines()
     assert last.startswith("hil: ")
     assert not [line for line in before if not line.startswith("the page will draw no curves")]  # a clone has no uPlot

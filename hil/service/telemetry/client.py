@@ -15,7 +15,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hil.errors import InputError
-from hil.service.problems import in_two
+from hil.service.problems import told
 from hil.service.telemetry.hub import Hub
 from hil.service.telemetry.views import (
     AskPattern,
@@ -152,9 +152,8 @@ class Client:
             view.close()
 
     def _refuse(self, number: Any, error: str) -> None:
-        told = number if isinstance(number, int) else None
-        what, then = in_two(400, error)
-        self.line({"kind": "error", "id": told, "error": what, "remedy": then})
+        asked = number if isinstance(number, int) else None
+        self.line({"kind": "error", "id": asked, **told(400, error)._asdict()})
 
     async def _bring_to_safe(self) -> None:
         self.line({"kind": "safe", **await self._safe()})
