@@ -16,6 +16,7 @@ from hil.interchange.columns import write_columns
 from hil.interchange.mapping import RecordMap, read_map
 from hil.interchange.matlab import MatlabSource, is_matlab
 from hil.interchange.naming import Asked, asked_of
+from hil.interchange.packaged import PackagedSource, reader_of
 from hil.interchange.parquet import ParquetSource, is_parquet
 from hil.interchange.preparation import prepared
 from hil.interchange.read_back import read_back
@@ -74,7 +75,8 @@ def import_file(
     """
     mapping = None if map_file is None else read_map(map_file)
     opened = open_source(source, mapping or PLAIN, map_file)
-    if mapping is None and hold is None and not isinstance(opened, TextSource) and (own := opened.exported):
+    may_be_own = mapping is None and hold is None
+    if may_be_own and isinstance(opened, ParquetSource | MatlabSource) and (own := opened.exported):
         capture = read_back(opened, own, target)
         return Imported(capture, len(capture), ())
     if hold is None and mapping is None and isinstance(opened, ParquetSource):
@@ -82,7 +84,9 @@ def import_file(
     return import_from(opened, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform)
 
 
-def open_source(path: Path, mapping: RecordMap, map_file: Path | None) -> ParquetSource | MatlabSource | TextSource:
+def open_source(
+    path: Path, mapping: RecordMap, map_file: Path | None
+) -> ParquetSource | MatlabSource | PackagedSource | TextSource:
     """The file at `path` as a source. Raises InputError for a key of the map that has no meaning for its kind."""
     try:
         kind = what_instead(path)
@@ -96,6 +100,10 @@ def open_source(path: Path, mapping: RecordMap, map_file: Path | None) -> Parque
     if is_matlab(path):
         require_keys_act(mapping, MatlabSource.kind, str(path), map_file)
         return MatlabSource(path)
+    if (reader := reader_of(path)) is not None:
+        packaged = PackagedSource(path, reader)
+        require_keys_act(mapping, packaged.kind, str(path), map_file)
+        return packaged
     if path.suffix == ".parquet":
         raise InputError(f"{path}: no Parquet file, whatever its name says; export it anew, or name it as what it is")
     return TextSource(path, mapping)
