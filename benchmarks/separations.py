@@ -28,8 +28,8 @@ import numpy as np
 
 from benchmarks.row import Row, Say
 from benchmarks.verdicts.campaign import toml_of
+from estimator.identification.experiments import Turn
 from estimator.side_by_side import one_worker_each
-from estimator.trace.separation import Turn
 from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.judging import class_of, plain
@@ -123,7 +123,6 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     tables, sections = drawn.hidden[0].effects, drawn.hidden[0].sections
     names = expected(order.effects[0], tables, sections, _device(drawn)).names
     named = [plain(effect.name) for effect in last.effects]
-    pairs = [pair.model_dump(by_alias=True) for pair in last.confusable]
     explained = last.verdict == "explained" and bool(named)
     right = explained and named[0] in names
     answer = {
@@ -134,7 +133,7 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
         "after": _told(last),
         "right": right,
         "told_in_vain": explained and not right and _told_in_vain(first, bench, named[0], names),
-        "wrong": explained and not class_of(named[0], pairs) & set(names),
+        "wrong": explained and not class_of(named[0], last.ambiguity_groups) & set(names),
     }
     return _kept(kept, answer)
 
@@ -171,12 +170,12 @@ def _device(drawn: Any) -> dict[str, Any]:
 
 def _told_in_vain(diagnosis: Diagnosis, bench: Bench, ended: str, hidden: Collection[str]) -> bool:
     """Whether a diagnosis said of what it ended as that no experiment of this bench tells it from what was hidden."""
-    left = [pair for pair in diagnosis.confusable if pair not in separable(diagnosis, bench)]
+    left = [pair for pair in diagnosis.separations if pair not in separable(diagnosis, bench)]
     alike = [{plain(pair.effect), plain(pair.with_)} for pair in left]
     return any(ended in pair and pair & set(hidden) for pair in alike)
 
 
 def _told(diagnosis: Any) -> str:
     names = "+".join(effect.name for effect in diagnosis.effects)
-    alike = ", ".join(sorted({pair.with_ for pair in diagnosis.confusable}))
+    alike = ", ".join(sorted({pair.with_ for pair in diagnosis.separations}))
     return f"{diagnosis.verdict} {names}" + (f" or {alike}" if alike else "")

@@ -35,7 +35,7 @@ FOLDER = Path("runs/symmetries")
 ANGLE = 0.03
 DELAY = 0.05  # rad of the vibration
 
-REFUSED: dict[str, Any] = {"verdict": "refused", "effects": [], "confusable": [], "reasons": []}
+REFUSED: dict[str, Any] = {"verdict": "refused", "effects": [], "ambiguity_groups": [], "reasons": []}
 
 Tables = list[dict[str, Any]]
 
@@ -178,7 +178,7 @@ def listed(said: dict[str, Any]) -> set[str]:
     among the reasons, since nothing else is the matter with it.
     """
     named = [plain(effect["name"]) for effect in said["effects"]]
-    members = set().union(*(class_of(name, said["confusable"]) for name in named))
+    members = set().union(*(class_of(name, said["ambiguity_groups"]) for name in named))
     if any(reason.startswith("it may run backwards") for reason in said["reasons"]):
         members.add("time_reversal")
     return members

@@ -47,14 +47,13 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Confusable:
-    """Two effects that this record cannot tell apart, how alike they are, and the experiment that would separate them.
+class Separation:
+    """Two members of an ambiguity group, how alike they are, and the experiment that would separate them.
 
-    `correlation` of their signatures with everything else the observer estimates projected out; `separate_by` an
-    experiment in words, None where nothing separates them; `experiment` its name where a run can make it; `expected`
-    their correlation in that experiment; `angle_apart` how far in rad the angle moves when the other is carried
-    instead; `takes` how long in s a run has to last that tells them apart 95 times in 100; `behind` by how much less
-    likely the record is with the other once it is carried, in twice the log-likelihood, where that tells them apart.
+    `correlation` of their signatures with everything else that is estimated projected out; `separate_by` an experiment
+    in words, None where nothing separates them; `experiment` its name where a run can make it; `expected` their
+    correlation in that experiment; `angle_apart` how far in rad the angle moves with the other in the model instead;
+    `takes` how long in s a run has to last that separates them 95 times in 100.
     """
 
     effect: str
@@ -65,7 +64,6 @@ class Confusable:
     angle_apart: float | None = None
     experiment: str | None = None
     takes: float | None = None
-    behind: float | None = None
 
 
 @dataclass(frozen=True)
@@ -157,6 +155,17 @@ class Dependence:
 
 
 @dataclass(frozen=True)
+class Unconfirmed:
+    """The best model of a search that a check rejects: its effects, sentences of the checks that failed, and what it
+    leaves on the part held out.
+    """
+
+    effects: tuple[Found, ...]
+    failed: tuple[str, ...]
+    held_out: Fit
+
+
+@dataclass(frozen=True)
 class Diagnosis:
     """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest.
 
@@ -167,12 +176,13 @@ class Diagnosis:
     where nobody was carried; undetermined: sentences on constants that the record does not determine; dependences: of
     several records, what goes with their covariate; free_run: of what was traced by the free run, measured less
     simulated volts (m, axes) from the split on, as far as is shown, before and after, NaN where that set its state;
-    base: of a rate sensor, the line V0 + S Ω as fitted.
+    base: of a rate sensor, the line V0 + S Ω as fitted; unconfirmed: where nothing is named, the best candidate all the
+    same, None where there is none.
     """
 
     verdict: Verdict
     effects: tuple[Found, ...]
-    confusable: tuple[Confusable, ...]
+    separations: tuple[Separation, ...]
     rejected: tuple[Rejected, ...]
     findings: tuple[Finding, ...]
     before: Fit
@@ -191,6 +201,15 @@ class Diagnosis:
     dependences: tuple[Dependence, ...] = ()
     free_run: tuple[Array, Array] | None = None
     base: Mapping[str, Interval] = field(default_factory=dict)
+    unconfirmed: Unconfirmed | None = None
+
+    @property
+    def ambiguity_groups(self) -> tuple[tuple[str, ...], ...]:
+        """For each effect with members beside it: the members that this record cannot tell apart, the named first."""
+        members: dict[str, list[str]] = {}
+        for pair in self.separations:
+            members.setdefault(pair.effect, [pair.effect]).append(pair.other)
+        return tuple(map(tuple, members.values()))
 
     def of_what_is_named(self) -> "Diagnosis":
         """The same; where nothing is named, the figures after are those before: no others stand beside a model."""

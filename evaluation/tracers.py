@@ -1,8 +1,8 @@
-"""`python -m evaluation.tracers EMULATOR`: one tracer on records of one emulator, judged.
+"""`python -m evaluation.tracers EMULATOR`: the tracer on records of one emulator, judged.
 
 EMULATOR is `alder` or `birch` (evaluation/strangers), or `undeclared` (evaluation/undeclared), whose records are made
-first by `python -m evaluation.undeclared generate --folder FOLDER`.  Give the same seed and folder with each of the
-tracers to have both on the same records.  Answers are kept in FOLDER/TRACER, so that it can go on.
+first by `python -m evaluation.undeclared generate --folder FOLDER`.  Answers are kept in FOLDER/trace, so that it
+can go on; another tracer on the same records is another commit with another name for that folder.
 """
 
 import argparse
@@ -20,11 +20,11 @@ from typing import Any
 import numpy as np
 
 from estimator.side_by_side import one_worker_each
-from evaluation.undeclared.judging import judge
+from evaluation.undeclared.judging import class_of, judge
 from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.atomic import write_text
-from hil.tracing.trace import Tracer, trace_file
+from hil.tracing.trace import trace_file
 
 Answer = dict[str, Any]
 
@@ -33,7 +33,6 @@ def main() -> int:
     """Make, trace, judge, print; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m evaluation.tracers", description=__doc__)
     parser.add_argument("emulator", choices=["alder", "birch", "undeclared"])
-    parser.add_argument("--tracer", choices=["trace", "identification"], default="trace")
     parser.add_argument("--seed", type=int, default=1, help="of the records of alder and birch (default 1)")
     parser.add_argument("--folder", type=Path, required=True, help="of the records and the answers")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
@@ -46,15 +45,11 @@ def main() -> int:
     places = sorted(_places(folder))[: options.most]
     one_worker_each()
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        answers = dict(
-            zip(
-                [place.stem for place in places], pool.map(_traced, places, [options.tracer] * len(places)), strict=True
-            )
-        )
+        answers = dict(zip([place.stem for place in places], pool.map(_traced, places), strict=True))
     summary = _of_undeclared(folder, answers) if options.emulator == "undeclared" else _of_strangers(folder, answers)
     seconds = np.array([answer["cpu_s"] for answer in answers.values()])
     summary["cpu_s"] = {"median": float(np.median(seconds)), "95 %": float(np.quantile(seconds, 0.95))}
-    write_text(folder / f"{options.tracer}.json", json.dumps(summary, indent=1) + "\n")
+    write_text(folder / "trace.json", json.dumps(summary, indent=1) + "\n")
     print(json.dumps(summary, indent=1))
     return 0
 
@@ -65,9 +60,9 @@ def _places(folder: Path) -> Iterator[Path]:
     yield from (truth.parent for truth in folder.glob("*/truth.json"))
 
 
-def _traced(place: Path, tracer: str) -> Answer:
-    """The diagnosis of one record, kept beside the others of that tracer."""
-    kept = place.parent / tracer / f"{place.stem}.json"
+def _traced(place: Path) -> Answer:
+    """The diagnosis of one record, kept beside the others."""
+    kept = place.parent / "trace" / f"{place.stem}.json"
     if kept.exists():
         answer: Answer = json.loads(kept.read_text())
         return answer
@@ -80,7 +75,6 @@ def _traced(place: Path, tracer: str) -> Answer:
     try:
         done = trace_file(
             capture, bench, kept.with_suffix(""), name=None, fraction=None, report=False, progress=lambda _: None,
-            search=_named(tracer),
         )  # fmt: skip
         answer = {"diagnosis": json.loads((done.folder / "diagnosis.json").read_text())}
     except InputError as refusal:
@@ -90,21 +84,13 @@ def _traced(place: Path, tracer: str) -> Answer:
     return answer
 
 
-def _named(tracer: str) -> Tracer:
-    if tracer == "trace":
-        from estimator.trace.tracing import trace
-    else:
-        from estimator.identification.trace import trace
-    return trace
-
-
 def _of_strangers(folder: Path, answers: Mapping[str, Answer]) -> dict[str, Any]:
     """By kind of record, how many were answered right; intervals of effects named right that hold the truth."""
     truth = json.loads((folder / "truth.json").read_text())
     right, number, intervals, wrong = Counter[str](), Counter[str](), [0, 0], {}
     for name, answer in answers.items():
         kind, hidden = truth[name]["kind"], truth[name]["effects"]
-        said = answer["diagnosis"] or {"verdict": "refused", "effects": [], "confusable": []}
+        said = answer["diagnosis"] or {"verdict": "refused", "effects": [], "ambiguity_groups": []}
         number[kind] += 1
         if _is_right(kind, [effect["name"] for effect in hidden], said):
             right[kind] += 1
@@ -130,7 +116,7 @@ def _is_right(kind: str, hidden: list[str | None], said: Mapping[str, Any]) -> b
     if kind == "outside":
         return said["verdict"] not in ("explained", "adequate")
     named = [effect["name"] for effect in said["effects"]]
-    groups = [{name} | {c["with"] for c in said["confusable"] if c["effect"] == name} for name in named]
+    groups = [class_of(name, said["ambiguity_groups"]) for name in named]
     found = all(any(name in group for group in groups) for name in hidden)
     return said["verdict"] == "explained" and found and len(named) == len(hidden)
 

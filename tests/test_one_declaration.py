@@ -86,7 +86,7 @@ def test_its_code_is_generated_from_the_declaration() -> None:
 
 STRUCTURE = {
     # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
-    "estimator/trace/symmetries.py", "estimator/trace/free_run.py", "estimator/trace/tracing.py",
+    "estimator/trace/symmetries.py", "estimator/trace/free_run.py",
     "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
     "hil/bench/toml.py", "hil/interchange/channels.py", "estimator/observer.py", "estimator/core/layout.py",
     "estimator/rate_sensor/surroundings.py", "hil/generating/written.py",

@@ -9,7 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from estimator.thresholds import THRESHOLDS
+from estimator.identification import checks, search
+from estimator.identification.ambiguity import TIE
+from estimator.identification.result import MOST
 from hil.bench.calibration import ASSUMED, Assumed, Calibration
 from tests.test_doc_links import ROOMS
 
@@ -43,14 +45,24 @@ def test_a_key_of_the_calibration_says_what_is_assumed_without_it(name: str) -> 
     assert " ".join((key.description or "").split()).endswith(f"without it {of_key(one)} is assumed")
 
 
-def test_pages_repeat_the_thresholds_of_look_alikes_as_they_are() -> None:
-    same, odds = THRESHOLDS.scan.same, THRESHOLDS.criterion.odds
-    assert f"a correlation of {same:g}, the record does not say" in EXPLANATION
-    assert f"2 ln {odds:g} = {2.0 * math.log(odds):.0f}." in EXPLANATION
-    for page in (EXPLANATION, (DOCS / "reference" / "trace.md").read_text(encoding="utf-8")):
-        told = re.findall(r"odds\s+of\s+(?:more\s+than\s+)?(\S+)\s+to\s+1\b", page)
-        assert told
-        assert set(told) == {f"{odds:g}"}
+def test_pages_repeat_what_the_tracer_decides_by_as_it_is() -> None:
+    """Search and checks, each with its threshold."""
+    assert f"2 ln(kinds / {power(search.CHANCE)})" in EXPLANATION
+    assert f"comes within {TIE:g}, odds" in " ".join(EXPLANATION.split())
+    table = (DOCS / "reference" / "trace.md").read_text(encoding="utf-8")
+    assert f"less than {checks.AT_FLOOR:g} × the noise floor" in table
+    assert f"more than {checks.PRIOR:g} standard deviations from what the bench file declares" in table
+    assert f"negative by more than {search.FORBIDDEN:g} standard deviations" in table
+    assert f"less than {100.0 * checks.DISTURBANCE:g} % of the innovation's power" in table
+    assert f"one of {power(1.0 / checks.RARE)} records" in table
+    assert MOST == 0.5
+    assert "more than half of the residual's power above the noise floor" in " ".join(table.split())
+
+
+def power(of_ten: float) -> str:
+    """Such a number, as pages have it."""
+    exponent = round(math.log10(of_ten))
+    return "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
 
 
 _VARIABLE = re.compile(r"(?:GYROHIL|HIL)_[A-Z_]+")

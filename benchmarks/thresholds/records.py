@@ -71,8 +71,8 @@ def tracers(folder: Path) -> dict[str, Callable[[], Answer]]:
 
 def _of_axes(problem: "Problem") -> Answer:
     from estimator.errors import ModelError
+    from estimator.identification.trace import trace
     from estimator.trace.candidates import kind
-    from estimator.trace.tracing import trace
 
     try:
         with np.errstate(all="ignore"):
@@ -80,7 +80,7 @@ def _of_axes(problem: "Problem") -> Answer:
     except ModelError as error:
         return {"verdict": f"refused: {str(error).partition(':')[0]}", "words": []}
     named = sorted(kind(effect.name) for effect in found.effects)
-    alike = [f"{pair.effect} or {pair.other}: {pair.separate_by}" for pair in found.confusable]
+    alike = [f"{pair.effect} or {pair.other}: {pair.separate_by}" for pair in found.separations]
     seen = [f"finds {finding.kind}" for finding in found.findings]
     return {"verdict": _said(found.verdict.value, named), "words": sorted({*alike, *seen})}
 
@@ -123,7 +123,7 @@ def _traced(record: Any, declared: Any, noise: float, fitting: Any) -> Answer:
     except ModelError as error:
         return {"verdict": f"refused: {str(error).partition(':')[0]}", "words": []}
     named = sorted(effect.name for effect in found.effects)
-    alike = sorted(f"{pair.effect} or {pair.other}: {pair.separate_by}" for pair in found.confusable)
+    alike = sorted(f"{pair.effect} or {pair.other}: {pair.separate_by}" for pair in found.separations)
     return {"verdict": _said(found.verdict.value, named), "words": alike}
 
 

@@ -57,8 +57,8 @@ def _entry(effect: Effect) -> str:
     lines.append(f"- signature: {effect.signature}")
     for name, separator in effect.look_alikes.items():
         lines.append(f"- looks like {name.replace('_', ' ')}; told apart: {separator}")
-    if effect.on_request:
-        lines.append(f"- tried by a trace only where it is asked to: `hil trace --also {effect.name}`")
+    if effect.on_request and effect.runs_freely:
+        lines.append(f"- traced on a single axis, where it is asked for: `hil trace --also {effect.name}`")
     lines.append(f"- undone: {effect.undone.value}")
     lines.append(f"- source: {effect.source}")
     return "\n".join(lines) + "\n"

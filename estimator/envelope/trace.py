@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.diagnosis import Confusable, Diagnosis, Fit, Found, Interval, Rejected, Residual, Verdict
+from estimator.diagnosis import Diagnosis, Fit, Found, Interval, Rejected, Residual, Separation, Verdict
 from estimator.envelope.laws import laws
 from estimator.envelope.model import EnvelopeFit, EnvelopeModel, Rows, Term, fitted, shown, terms
 from estimator.envelope.record import Envelope, Resonator
@@ -62,7 +62,7 @@ def trace_envelope(envelope: Envelope, resonator: Resonator, fitting: Rows) -> D
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(term, estimates[term.name], gains[term.name]) for term in named),
-        confusable=_alike(envelope, resonator, after, named, every, fitting, as_near(chosen.rounds)),
+        separations=_alike(envelope, resonator, after, named, every, fitting, as_near(chosen.rounds)),
         rejected=_rejected(every, chosen, why, {term.name for term in named}),
         findings=(),
         before=_score(before, fitting, resonator),
@@ -183,7 +183,7 @@ def _alike(
     every: tuple[Term, ...],
     rows: Rows,
     near: Mapping[str, Collection[str]],
-) -> tuple[Confusable, ...]:
+) -> tuple[Separation, ...]:
     """Pairs of a term that was named and one that was not which this record does not tell apart: their signatures,
     beside all that is fitted else, are the same, or their likelihoods came as near.
     """
@@ -199,7 +199,7 @@ def _alike(
             size = float(np.linalg.norm(own) * np.linalg.norm(rest))
             alike = abs(float(own @ rest)) / size if size > 0.0 else 0.0
             if alike > THRESHOLDS.free_runs.alike or candidate.name in near.get(term.name, ()):
-                pairs.append(Confusable(term.name, candidate.name, min(alike, 1.0), _apart(term, candidate), None))
+                pairs.append(Separation(term.name, candidate.name, min(alike, 1.0), _apart(term, candidate), None))
     return tuple(pairs)
 
 

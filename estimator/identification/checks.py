@@ -20,6 +20,8 @@ RARE = 1e-4
 """How often a check fails where all is well."""
 PRIOR = 4.5
 """Deviations of its prior that a constant may be off: a bench file is not right to the letter."""
+OF_THE_REST = ("noise floor", "disturbance")
+"""Checks of what a model leaves."""
 DISTURBANCE = 0.02
 """Share of the innovation's power that a random force may explain beside a complete model: a hundredth of the rms."""
 

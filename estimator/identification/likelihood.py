@@ -151,6 +151,11 @@ class Layout:
         """Places of an effect's parameters."""
         return [k for k, owner in enumerate(self.owner) if owner == effect]
 
+    @property
+    def constants(self) -> list[int]:
+        """Places of the base model's constants."""
+        return self.of("")
+
     def effects_of(self, model: "Model") -> Effects:
         """The effects of a model with their parameters as they are in its theta, SI."""
         raise NotImplementedError
@@ -191,6 +196,11 @@ class ObserverLayout(Layout):
         lowest = [-np.inf if i < base else coefficients[i - base][1].least for i in free]
         self.least = np.array([*lowest, *(1e-3 * value for value in values)])
         self.most = np.full(len(self.names), np.inf)
+
+    @property
+    def constants(self) -> list[int]:
+        """Places of the base model's constants: not of where a record begins."""
+        return [k for k in range(len(self.index)) if not self.owner[k]]
 
     def effects_of(self, model: "Model") -> Effects:
         """The effects of a model with the searched parameters as they are in its theta, SI."""

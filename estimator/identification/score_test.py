@@ -49,7 +49,7 @@ def score_test(
     """The scores of `tested` beside a fitted model, the largest gain first, each with a prior of its plausible size;
     with their likeness to an effect at given parameters, where there is a `reference`.
     """
-    shares = _shares(of, tested, reference, len(fitted.layout.effects))
+    shares = _shares(of, tested, reference, len(fitted.model.effects))
     passes = side_by_side(
         [partial(of.evaluate, fitted.layout, fitted.model, tested={**reference, **share}) for share in shares]
     )
@@ -66,7 +66,7 @@ def _scores(
 ) -> Iterator[Score]:
     """Those of one pass."""
     own, scale = len(fitted.layout.names), fitted.evaluation.scale
-    information, score = _projected(seen.information / scale, seen.score / scale, fitted.layout.deviation, own)
+    information, score = projected(seen.information / scale, seen.score / scale, fitted.layout.deviation, own)
     whole = information.sum(axis=0)
     columns: dict[str, list[int]] = {}
     for k, name in enumerate(seen.names[own:]):
@@ -105,7 +105,7 @@ def _shares(of: Likelihood, tested: Effects, reference: Effects, included: int) 
     return [share for share in shares if share]
 
 
-def _projected(information: Array, score: Array, deviation: Array, own: int) -> tuple[Array, Array]:
+def projected(information: Array, score: Array, deviation: Array, own: int) -> tuple[Array, Array]:
     """By part of the record, information and score of the effects with the model's own parameters projected out."""
     whole = information.sum(axis=0)
     taken = np.linalg.solve(whole[:own, :own] + np.diag(deviation**-2.0), whole[:own, own:])

@@ -63,8 +63,8 @@ def search(
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
     begun: FittedModel | None = None,
 ) -> Search:
-    """Effects added while the criterion of the best candidate is larger by the margin, and taken out where their gain is not
-    sure: on the way, what the model still lacks scatters more than noise; on from `begun`.
+    """Effects added while the criterion of the best candidate is larger by the margin, and taken out where their gain
+    is not sure: on the way, what the model still lacks scatters more than noise; on from `begun`.
     """
     base = now = fit(of, of.effects) if begun is None else begun
     rounds: list[Round] = []
@@ -137,7 +137,7 @@ def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: fl
     """
     best: dict[str, Score] = {}
     orders = [
-        [one for one in table if one.gain > least and not _forbidden(of, one.name, one.size, one.deviation)]
+        [one for one in table if one.gain > least and not forbidden(of, one.name, one.size, one.deviation)]
         for table in reversed(tables)
     ]
     for turn in zip_longest(*orders):
@@ -151,10 +151,10 @@ def impossible(of: Likelihood, name: str, fitted: FittedModel) -> bool:
     """Whether a fitted effect has a sign that physics forbids."""
     places = fitted.layout.of(name)
     deviation = np.sqrt(np.diagonal(np.linalg.pinv(fitted.posterior_information)))[places]
-    return _forbidden(of, name, fitted.model.theta[places], deviation)
+    return forbidden(of, name, fitted.model.theta[places], deviation)
 
 
-def _forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
+def forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
     coefficients = of.effect(name).coefficients
     return any(
         one.positive and not one.is_shape and value < -FORBIDDEN * spread

@@ -1,30 +1,26 @@
 """From a record to a diagnosis: fit, search, checks, words."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from estimator.diagnosis import Diagnosis
 from estimator.errors import DivergedError
-from estimator.identification.ambiguity import Member, exchanged
 from estimator.identification.checks import CHECKS, Evidence
+from estimator.identification.chosen import REFINED, SEARCHED, Chosen, choose
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import FittedModel, at, finished, fit, maximise, settle
 from estimator.identification.free_run import FreeRun
-from estimator.identification.likelihood import Evaluation, Likelihood, ObserverLayout
-from estimator.identification.result import diagnosis, effects_of
-from estimator.identification.search import Search, search, without_effect
+from estimator.identification.likelihood import Evaluation, Likelihood
+from estimator.identification.named import constants_of, effects_of
+from estimator.identification.result import Judged, diagnosis
+from estimator.identification.search import without_effect
 from estimator.side_by_side import side_by_side
-from estimator.trace.examination import Examination
+from estimator.trace.examination import Examination, examine
 from estimator.trace.fitness import require_traceable
 from estimator.trace.problem import Problem
-
-SEARCHED = 25_000
-"""Samples of the fitted part on which effects are chosen: what shows in more only is small."""
-REFINED = 100_000
-"""... and on which what was chosen is fitted: beyond, coefficients are surer than any model."""
 
 Progress = Callable[[str, int, int], None]
 
@@ -37,59 +33,46 @@ def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, do
     Raises ModelError for a record that cannot be traced, with what to record instead.
     """
     require_traceable(problem.record, problem.device, split)
+    # A record that the bench's observer does not follow at all is refused before anything is searched for.
+    before = examine(problem, split) if problem.device.axes == 2 else None
     whole = likelihood_of(problem, split)
-    later = whole.part(slice(split, min(whole.samples, split + REFINED)))
     chosen = choose(whole.part(slice(0, split)), progress)
-    model = chosen.after
     progress("checks", 0, 1)
-    before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
-    try:
-        after = whole.examined(constants_of(model), effects_of(model), split) if chosen.named else before
-    except DivergedError:
-        after, model = before, chosen.before
-    evidence = evidence_of(chosen.of, later, model, after)
-    checks = [check for checker in CHECKS for check in checker(evidence)]
+    if before is None or isinstance(whole, FreeRun):
+        before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
+    judged = judge(whole, chosen, before, split)
     progress("checks", 1, 1)
-    return diagnosis(problem, split, chosen.found, evidence, checks, chosen.groups, before, after)
+    return diagnosis(problem, split, chosen, judged, before, progress)
 
 
-@dataclass(frozen=True)
-class Chosen:
-    """What was chosen: on how much of the record, by which search; the models before and after, fitted to `of`; what
-    may stand in the place of each effect.
+def judge(whole: Likelihood, chosen: Chosen, before: Examination, split: int) -> Judged:
+    """The chosen model and what the checks say of it, less effects that a check rejects where the others then stand.
+
+    Where they do not, the model as it was chosen is the best candidate.
     """
-
-    of: Likelihood
-    found: Search
-    before: FittedModel
-    after: FittedModel
-    groups: dict[str, list[Member]]
-
-    @property
-    def named(self) -> list[str]:
-        """The effects that were added."""
-        return [name for name in self.after.model.effects if name not in self.before.model.effects]
-
-
-def choose(of: Likelihood, progress: Progress = lambda stage, done, total: None) -> Chosen:
-    """Effects chosen on a beginning of the record and fitted to more of it."""
-    searched, fitted = (of.part(slice(0, min(of.samples, most))) for most in (SEARCHED, REFINED))
-    found = search(searched.following, progress)
-    if searched.following != searched:
-        # What a filter is corrected for all the time, a run that nothing corrects may still tell.
-        more = search(searched, progress, freed(searched, found.best))
-        found = Search(freed(searched, found.base), more.best, (*found.rounds, *more.rounds))
-    best, groups = exchanged(searched, found.best)
-    before = found.base
-    if fitted.samples > searched.samples:
-        before, best = (finished(fitted, settle(fitted, at(fitted, one.layout, one.model))) for one in (before, best))
-    return Chosen(fitted, found, before, best, groups)
+    later = whole.part(slice(split, min(whole.samples, split + REFINED)))
+    first = now = _judged(whole, later, chosen, chosen.after, before, split)
+    failed: dict[str, str] = {}
+    while len(now.named) > 1 and (rejected := {c.effect: c.sentence for c in now.checks if c.effect and not c.passed}):
+        without, model = now.evidence.without, now.evidence.model
+        name = min(rejected, key=lambda effect: model.gain_over(without[effect]))
+        failed[name] = rejected[name]
+        less = finished(chosen.of, settle(chosen.of, without[name]))
+        now = replace(_judged(whole, later, chosen, less, before, split), failed=dict(failed))
+    return first if any(check.effect and not check.passed for check in now.checks) else now
 
 
-def freed(of: Likelihood, followed: FittedModel) -> FittedModel:
-    """A model that was fitted by a filter, by a run that nothing corrects."""
-    model = replace(followed.model, noise=replace(followed.model.noise, force=of.declared_noise().force))
-    return finished(of, settle(of, at(of, followed.layout, model)))
+def _judged(
+    whole: Likelihood, later: Likelihood, chosen: Chosen, model: FittedModel, before: Examination, split: int
+) -> Judged:
+    after = before
+    if model.model.effects != chosen.before.model.effects:
+        try:
+            after = whole.examined(constants_of(model), effects_of(model), split)
+        except DivergedError:
+            model = chosen.before
+    evidence = evidence_of(chosen.of, later, model, after)
+    return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, {})
 
 
 def likelihood_of(problem: Problem, split: int) -> Likelihood:
@@ -103,14 +86,6 @@ def likelihood_of(problem: Problem, split: int) -> Likelihood:
         return filtered
     errors = [fit(of.part(slice(0, min(split, SEARCHED))), of.effects).evaluation.innovation for of in (filtered, free)]
     return free if np.nanmean(errors[1] ** 2) < np.nanmean(errors[0] ** 2) else filtered
-
-
-def constants_of(fitted: FittedModel) -> dict[str, float]:
-    """Constants of the base model, SI."""
-    layout = fitted.layout
-    assert isinstance(layout, ObserverLayout)
-    values = fitted.model.theta[: len(layout.index)] * layout.factor[: len(layout.index)]
-    return {name: float(v) for name, owner, v in zip(layout.names, layout.owner, values, strict=False) if not owner}
 
 
 def evidence_of(fitted: Likelihood, later: Likelihood, model: FittedModel, after: Examination | None) -> Evidence:

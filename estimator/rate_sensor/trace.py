@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.diagnosis import Classes, Confusable, Fit, Found, Interval, Rejected, Verdict
+from estimator.diagnosis import Classes, Fit, Found, Interval, Rejected, Separation, Verdict
 from estimator.errors import ModelError
 from estimator.rate_sensor.agreement import Line, against
 from estimator.rate_sensor.catalogue import EFFECTS
@@ -56,7 +56,7 @@ class SensorDiagnosis:
     verdict: Verdict
     base: dict[str, Interval]
     effects: tuple[Found, ...]
-    confusable: tuple[Confusable, ...]
+    separations: tuple[Separation, ...]
     rejected: tuple[Rejected, ...]
     before: Fit
     after: Fit
@@ -122,7 +122,7 @@ def trace_sensor(
         verdict,
         base,
         effects if named else (),
-        _confusable(after, candidates, fitting, as_near(chosen.rounds)) if named else (),
+        _separations(after, candidates, fitting, as_near(chosen.rounds)) if named else (),
         rejected,
         _score(before, fitting, floor, source),
         _score(shown, fitting, floor, source),
@@ -343,9 +343,9 @@ def _score(fitted: SensorFit, rows: Rows, floor: float, source: str) -> Fit:
     return Fit((rms,), (floor,), rms / floor, whiteness, simulation_rmse=rms, floor_from=source)
 
 
-def _confusable(
+def _separations(
     after: SensorFit, candidates: tuple[Effect, ...], rows: Rows, near: Mapping[str, Collection[str]]
-) -> tuple[Confusable, ...]:
+) -> tuple[Separation, ...]:
     """Pairs of an effect that was named and one that was not which this record does not tell apart, by their signatures
     or, of those that came as near, by their likelihoods.
 
@@ -368,7 +368,7 @@ def _confusable(
             alike = abs(float(own @ other)) / size if size > 0.0 else 0.0
             if alike > _SET.alike or candidate.name in near.get(effect.name, ()):
                 advice = effect.look_alikes.get(candidate.name)
-                pairs.append(Confusable(effect.name, candidate.name, alike, advice, None))
+                pairs.append(Separation(effect.name, candidate.name, alike, advice, None))
     return tuple(pairs)
 
 

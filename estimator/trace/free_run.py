@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.diagnosis import Confusable, Diagnosis, Found, Interval, Rejected, Verdict
+from estimator.diagnosis import Diagnosis, Found, Interval, Rejected, Separation, Verdict
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.model.catalogue import model_for
@@ -42,9 +42,9 @@ def trace_free_run(
     problem: Problem,
     *,
     split: int,
-    progress: Callable[[str, int, int], None],
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
 ) -> Diagnosis:
-    """As `estimator.trace.tracing.trace`, by the free run."""
+    """Choose effects on the samples before `split` by the free run of a single axis, score them on the rest."""
     part = problem.part(slice(0, split))
     selected = trace_by_simulation(part, _SET.scored_from, progress)
     later = problem.record.part(slice(split, len(problem.record)))
@@ -64,9 +64,9 @@ def trace_free_run(
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, found, device) for name in named),
-        confusable=(
+        separations=(
             *(
-                Confusable(name, other, correlation, None, None)
+                Separation(name, other, correlation, None, None)
                 for name, other, correlation in found.alike
                 if name in named
             ),
@@ -103,7 +103,7 @@ def _shown(found: SimulationTrace, later: Record) -> tuple[Array, Array]:
     return before, free_run_error(found.observer, found.after, beginning, _SET.scored_from)
 
 
-def _unequal_masses(problem: Problem, found: SimulationTrace, named: tuple[str, ...]) -> tuple[Confusable, ...]:
+def _unequal_masses(problem: Problem, found: SimulationTrace, named: tuple[str, ...]) -> tuple[Separation, ...]:
     """What a stiffness that is not symmetric, or a sense gain, may be as well where nothing drives."""
     if np.any(problem.record.drive):
         return ()
@@ -113,7 +113,7 @@ def _unequal_masses(problem: Problem, found: SimulationTrace, named: tuple[str, 
     elif "sense_gain" in named:
         masses["sense_gain"] = mass_of_sense_gain(found.after.value("gy"))
     return tuple(
-        Confusable(name, "unequal_masses", 1.0, heavier(mass), None)
+        Separation(name, "unequal_masses", 1.0, heavier(mass), None)
         for name, mass in masses.items()
         if mass is not None
     )

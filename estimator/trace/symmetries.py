@@ -38,6 +38,11 @@ RING_DOWN = "switch the drive off: a ring-down decays"
 TIMED_RATE = "turn the gyro at a rate that is known in time"
 
 
+def nonreciprocal_of(sizes: Intervals) -> Interval | None:
+    """Of all effects that were tested, how large a stiffness that is not symmetric may be; None where none was."""
+    return sizes.get("nonreciprocal_stiffness", {}).get("kn")
+
+
 @dataclass(frozen=True)
 class System:
     """The equations above: stiffness, damping, drive and coriolis (2, 2) per unit mass, sense (2, 2); by how many

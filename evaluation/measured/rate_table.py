@@ -72,7 +72,7 @@ def _described(title: str, found: SensorDiagnosis) -> str:
         lines.append(
             f"- **{effect.name}** (`{effect.equation[0]}`): {'; '.join(parts)}; evidence {effect.evidence:.0f}"
         )
-    lines += [f"- {c.effect} and {c.other} look alike on this record ({c.correlation:.4f})" for c in found.confusable]
+    lines += [f"- {c.effect} and {c.other} look alike on this record ({c.correlation:.4f})" for c in found.separations]
     lines += [f"- {reason}" for reason in found.reasons]
     return "\n".join(lines)
 

@@ -21,7 +21,7 @@ class Judgement:
 
     truth: names of what was hidden; verdict; named: what tracing named, in its order; right_class: per hidden
     effect whether it is in the class of an effect named; first_class, first_member: the same of the effect named
-    first, by class and exactly; alone: the effect named first is confusable with nothing; covered: per coefficient
+    first, by class and exactly; alone: the effect named first has no ambiguity group; covered: per coefficient
     and searched parameter of the effects named exactly, whether its 95 % interval holds the truth; error: of those,
     the estimate's deviation in half-widths; after: innovation on the held-out part over the true noise; broken: it is
     called explained and the innovation of the held-out part rose, or is above `AT_FLOOR` times its floor; bounded: a
@@ -82,9 +82,9 @@ class Judgement:
 def judge(truth: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Judgement:
     """Judge a diagnosis (None: tracing gave none) by truth.json."""
     hidden = [expected(one["name"], one["tables"], one["sections"], truth["device"]) for one in truth["effects"]]
-    said = diagnosis or {"verdict": "refused", "effects": [], "confusable": [], "rejected": []}
+    said = diagnosis or {"verdict": "refused", "effects": [], "ambiguity_groups": [], "rejected": []}
     named = tuple(plain(effect["name"]) for effect in said["effects"])
-    classes = [class_of(name, said["confusable"]) for name in named]
+    classes = [class_of(name, said["ambiguity_groups"]) for name in named]
     known = [what for what in hidden if what.names]
     first = set(known[0].names) if len(known) == 1 else {name for what in known for name in what.names}
     covered: dict[str, bool] = {}
@@ -113,7 +113,7 @@ def judge(truth: Mapping[str, Any], diagnosis: Mapping[str, Any] | None) -> Judg
         after=_over(held_out.get("after"), noise),
         broken=said["verdict"] == "explained" and not _kept(held_out),
         bounded=bounded,
-        proposes=any(pair["separate_by"] for pair in said["confusable"]),
+        proposes=any(pair["separate_by"] for pair in said.get("separations", ())),
         innovation_ratio=truth["innovation_ratio"],
         statements=_statements(said, _accounts(truth["category"], known, bounded)),
     )
@@ -132,7 +132,7 @@ def _accounts(category: str, known: list[Expected], bounded: bool) -> frozenset[
 
 
 def _statements(said: Mapping[str, Any], true: frozenset[str]) -> tuple[Statement, ...]:
-    alike = [frozenset({plain(pair["effect"]), plain(pair["with"])}) for pair in said["confusable"]]
+    alike = [frozenset(map(plain, group)) for group in said["ambiguity_groups"]]
     stated = []
     for entry in said.get("probabilities", ()):
         members, probability = most_probable(entry, alike)
@@ -146,14 +146,10 @@ def _kept(held_out: Mapping[str, Any]) -> bool:
     return bool(fell and after["ratio"] is not None and after["ratio"] <= AT_FLOOR)
 
 
-def class_of(name: str, confusable: Iterable[Mapping[str, Any]]) -> set[str]:
+def class_of(name: str, ambiguity_groups: Iterable[Iterable[str]]) -> set[str]:
     """An effect and all that the record cannot tell from it."""
-    members = {name}
-    for pair in confusable:
-        both = {plain(pair["effect"]), plain(pair["with"])}
-        if name in both:
-            members |= both
-    return members
+    groups = [set(map(plain, group)) for group in ambiguity_groups]
+    return {name}.union(*(group for group in groups if name in group))
 
 
 def plain(name: str) -> str:

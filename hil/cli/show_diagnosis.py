@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rich.console import Console
     from rich.table import Table
 
-    from hil.records.diagnosis import Confusable, Diagnosis, Finding
+    from hil.records.diagnosis import Diagnosis, Finding, Separation
 
 _STYLE = {"adequate": "green", "explained": "green", "partly explained": "yellow", "unexplained": "red"}
 _COMPLETE = ("adequate", "explained")
@@ -54,7 +54,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     from hil.numbers import quantity
     from hil.report.diagnosis.equations import plain
     from hil.report.diagnosis.force_table import force_terms
-    from hil.report.diagnosis.tables import dependence, estimate, floor_from, probable
+    from hil.report.diagnosis.tables import dependence, estimate, floor_from, left_with, probable
 
     console = Console(highlight=False, soft_wrap=True)
     style = _STYLE[diagnosis.verdict]
@@ -77,6 +77,15 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
         say(f"  {effect.undone}{rest}")
+    if (best := diagnosis.unconfirmed) is not None:
+        console.print()
+        say(f"not confirmed: {', '.join(effect.name for effect in best.effects)}", style="bold", end="  ")
+        say(left_with(best))
+        for failed in best.failed:
+            say(f"  failed: {failed}")
+        for effect in best.effects:
+            for symbol, found in effect.coefficients.items():
+                say(f"  {symbol} = {estimate(found)}, 95 %")
     if diagnosis.base:
         console.print()
         say("straight line V0 + S Ω, as fitted", style="bold")
@@ -106,13 +115,15 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     _say_findings(console, "the residual that is left", diagnosis.left, diagnosis.sense_unit)
     heading = "the residual without it" if diagnosis.effects else "the residual"
     _say_findings(console, heading, diagnosis.findings, diagnosis.sense_unit)
-    for pair in diagnosis.confusable:
+    for group in diagnosis.ambiguity_groups:
+        console.print()
+        say(f"ambiguity group of this record: {', '.join(group)}")
+    for pair in diagnosis.separations:
         alike = "" if pair.correlation is None else f" (correlation of their signatures {pair.correlation:.5f})"
         told = told_apart(pair)
         apart = pair.angle_apart_rad
         hangs = "" if apart is None else f"; the angle moves by {quantity(apart, 'rad')} at most if it is that"
-        console.print()
-        say(f"this record does not separate {pair.effect} from {pair.with_}{alike}{hangs}; {told}")
+        say(f"  {pair.effect} from {pair.with_}{alike}{hangs}; {told}")
     if diagnosis.rejected:
         console.print("\nruled out")
         for one in diagnosis.rejected[:_REJECTED]:
@@ -121,10 +132,8 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             say(f"  … and {len(diagnosis.rejected) - _REJECTED} more, in the report")
 
 
-def told_apart(pair: "Confusable") -> str:
+def told_apart(pair: "Separation") -> str:
     """What tells two effects apart, in words."""
-    if pair.behind is not None:
-        return f"twice the log-likelihood is lower by {pair.behind:.3g} with it instead"
     if pair.separate_by is None:
         return "no experiment separates them"
     lasting = "" if pair.takes_s is None else f", for {pair.takes_s:.2g} s at least"

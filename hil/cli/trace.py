@@ -57,7 +57,7 @@ Also = Annotated[
     typer.Option(
         "--also",
         metavar="NAME[,NAME]",
-        help="Effects of the catalogue to try that are tried on request only; repeatable.",
+        help="Of a single axis, effects to try that are tried on request only; repeatable.",
     ),
 ]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board for it; emulated ones need none.")]
@@ -101,12 +101,13 @@ def trace(
       hil trace silverbox.arrow --bench silverbox --json
       hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
       hil trace runs/first --bench s-undeclared --missing-force
-      hil trace runs/first --bench s-undeclared --also drag_radial,cubic_damping_radial
+      hil trace beam.arrow --bench beam.bench.toml --also hysteretic_stiffness,play
     """
     from hil.bench import RateSensorBench, load_any_bench
     from hil.cli.files import bench_file, capture_in, fresh
     from hil.cli.own import prepare
     from hil.cli.progress import watching
+    from hil.cli.show import say
     from hil.cli.show_diagnosis import finish
     from hil.errors import InputError
 
@@ -141,6 +142,8 @@ def trace(
             record, path, name=name, fraction=fraction, report=report, missing_force=missing_force, also=also or (),
             out=out, progress=watch,
         )  # fmt: skip
+    if also and not isinstance(declared, RateSensorBench) and declared.device.axes == 2:
+        say("--also: of two axes the whole catalogue is tried; leave it out")
     taken = None if board is not None else record
     if board is not None and not isinstance(declared, RateSensorBench):
         done = _separated(done, declared, board, out, fraction, also or ())

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hil.bench import Bench
-    from hil.records.diagnosis import Confusable, Diagnosis, Effect
+    from hil.records.diagnosis import Diagnosis, Effect, Separation
 
 
 class Trace:
@@ -35,9 +35,14 @@ class Trace:
         return self.diagnosis.effects
 
     @property
-    def confusable(self) -> "tuple[Confusable, ...]":
-        """What the record cannot tell apart, and the experiment that would."""
-        return self.diagnosis.confusable
+    def ambiguity_groups(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that the record cannot tell apart, the named one first."""
+        return self.diagnosis.ambiguity_groups
+
+    @property
+    def separations(self) -> "tuple[Separation, ...]":
+        """Of each group, the named effect with every other member, and the experiment that separates them."""
+        return self.diagnosis.separations
 
     @property
     def reasons(self) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from estimator import diagnosis as traced
 from estimator.thresholds import THRESHOLDS, values
@@ -59,22 +59,17 @@ class Dependence(_Model):
     evidence: float | None = Field(description="As in effects")
 
 
-class Confusable(_Model):
-    """Two effects that this record cannot tell apart."""
+class Separation(_Model):
+    """Two members of an ambiguity group, and what would separate them."""
 
     effect: str
     with_: str = Field(alias="with")
     correlation: float | None = Field(description="Of their signatures, all that is estimated projected out")
-    separate_by: str | None = Field(description="The experiment that would tell; null where none would")
+    separate_by: str | None = Field(description="The experiment that would separate them; null where none would")
     experiment: str | None = Field(default=None, description="Its name, where `hil trace --live` can make it")
     expected: float | None = Field(description="Their correlation in that experiment")
     takes_s: NonNegative | None = Field(
-        default=None, description="How long it has to last to tell them apart by odds of 20 to 1, 95 times in 100"
-    )
-    behind: float | None = Field(
-        default=None,
-        description="By how much less likely the record is with the other in its place, in twice the "
-        "log-likelihood; null where that does not tell them apart",
+        default=None, description="How long it has to last to separate them 95 times in 100"
     )
     angle_apart_rad: float | None = Field(
         default=None, description="How far the angle moves, at most, with the other instead"
@@ -182,6 +177,14 @@ class MissingForce(_Model):
     refused: str | None = Field(default=None, description="Why there is none")
 
 
+class Unconfirmed(_Model):
+    """The best candidate of the search, which a check rejects: no answer, and no bench file gets it."""
+
+    effects: tuple[Effect, ...]
+    failed: tuple[str, ...] = Field(description="The checks that failed, a sentence each")
+    held_out: Fit = Field(description="What it leaves on the part that the choice never saw")
+
+
 class HeldOut(_Model):
     """On the part of the record that the choice never saw."""
 
@@ -193,9 +196,29 @@ class Diagnosis(json_file.Sealed, _Model):
     """The answer of a trace: before and after are of the part of the record that was fitted."""
 
     version: Literal[1] = 1
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_the_version_before(cls, given: object) -> object:
+        """`confusable`, which stood in place of groups and separations, is read for one version."""
+        if not isinstance(given, dict) or "confusable" not in given:
+            return given
+        alike = [pair for pair in given["confusable"] if not pair.get("behind")]
+        pairs = [{key: value for key, value in pair.items() if key != "behind"} for pair in alike]
+        members: dict[str, list[str]] = {}
+        for pair in pairs:
+            members.setdefault(pair["effect"], [pair["effect"]]).append(pair["with"])
+        rest = {key: value for key, value in given.items() if key != "confusable"}
+        return {**rest, "separations": pairs, "ambiguity_groups": list(members.values())}
+
     verdict: Literal["adequate", "explained", "partly explained", "unexplained"]
     effects: tuple[Effect, ...]
-    confusable: tuple[Confusable, ...]
+    ambiguity_groups: tuple[tuple[str, ...], ...] = Field(
+        default=(), description="Effects that this record cannot tell apart, the named one first"
+    )
+    separations: tuple[Separation, ...] = Field(
+        default=(), description="Of each group, the named effect with every other member"
+    )
     before: Fit
     after: Fit
     held_out: HeldOut
@@ -223,6 +246,9 @@ class Diagnosis(json_file.Sealed, _Model):
     )
     base: dict[str, Coefficient] = Field(
         default_factory=dict, description="Of a rate sensor: the line V0 + S Ω as fitted beside its effects"
+    )
+    unconfirmed: Unconfirmed | None = Field(
+        default=None, description="Where nothing is named: the best candidate, with the checks that failed"
     )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
@@ -254,7 +280,8 @@ def to_model(
     return Diagnosis(
         verdict=found.verdict.value,
         effects=tuple(_effect(effect) for effect in found.effects),
-        confusable=tuple(_confusable(pair) for pair in found.confusable),
+        ambiguity_groups=found.ambiguity_groups,
+        separations=tuple(_separation(pair) for pair in found.separations),
         before=_fit(found.before),
         after=_fit(found.after),
         held_out=HeldOut(before=_fit(found.held_out_before), after=_fit(found.held_out_after)),
@@ -280,6 +307,7 @@ def to_model(
         undetermined=found.undetermined,
         dependences=tuple(_dependence(one) for one in found.dependences),
         base={name: coefficient(interval) for name, interval in found.base.items()},
+        unconfirmed=None if found.unconfirmed is None else _unconfirmed(found.unconfirmed),
         sense_unit=sense_unit,
         prepared=prepared,
         missing_force=missing_force,
@@ -313,6 +341,12 @@ def _effect(found: traced.Found) -> Effect:
     )
 
 
+def _unconfirmed(one: traced.Unconfirmed) -> Unconfirmed:
+    return Unconfirmed(
+        effects=tuple(_effect(found) for found in one.effects), failed=one.failed, held_out=_fit(one.held_out)
+    )
+
+
 def _dependence(one: traced.Dependence) -> Dependence:
     return Dependence(
         name=one.name,
@@ -324,8 +358,8 @@ def _dependence(one: traced.Dependence) -> Dependence:
     )
 
 
-def _confusable(pair: traced.Confusable) -> Confusable:
-    return Confusable.model_validate(
+def _separation(pair: traced.Separation) -> Separation:
+    return Separation.model_validate(
         {
             "effect": pair.effect,
             "with": pair.other,
@@ -334,7 +368,6 @@ def _confusable(pair: traced.Confusable) -> Confusable:
             "experiment": pair.experiment,
             "expected": _finite(pair.expected),
             "takes_s": _finite(pair.takes),
-            "behind": _finite(pair.behind),
             "angle_apart_rad": _finite(pair.angle_apart),
         }
     )

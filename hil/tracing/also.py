@@ -10,18 +10,22 @@ from hil.errors.strict_toml import suggestion
 
 
 def effects_asked(words: Sequence[str], device: Device) -> tuple[str, ...]:
-    """The effects of `--also`, each word a name or several with commas between them.
+    """The effects of `--also`, each word a name or several with commas between them: none of two axes, where the whole
+    catalogue is tried.
 
     Raises InputError, one line, for a name that is none, and for an effect that no trace of this device tries.
     """
     asked = tuple(dict.fromkeys(name.strip() for word in words for name in word.split(",")))
-    return tuple(_tried(name, device) for name in asked)
+    tried = tuple(_tried(name, device) for name in asked)
+    return tried if device.axes == 1 else ()
 
 
 def not_tried(device: Device, tried: Collection[str]) -> tuple[str, ...]:
-    """Where something is left, a sentence for the effects on request that were not asked for, and one for those that
-    no trace of a single axis tries; tried: names of the effects that the trace named or ruled out.
+    """Where something is left of a single axis, a sentence for the effects on request that were not asked for, and one
+    for those that no trace tries; tried: names of the effects that the trace named or ruled out.
     """
+    if device.axes == 2:
+        return ()
     tried = {name.partition(":")[0] for name in tried}
     asking, never = [], []
     for name in (*names(), *(effect.name for effect in device.own)):
@@ -31,7 +35,7 @@ def not_tried(device: Device, tried: Collection[str]) -> tuple[str, ...]:
         if effect.on_request:
             with suppress(InputError):
                 asking.append(_tried(name, device))
-        elif device.axes == 1:
+        else:
             never.append(name)
     said = []
     if asking:
@@ -53,8 +57,7 @@ def _tried(name: str, device: Device) -> str:
         raise InputError(f"--also: {name}: needs two axes, and the device has one; leave it out")
     if effect.runs_freely and device.axes == 2:
         raise InputError(f"--also: {name}: traced on a single axis only; {declared}")
-    searched = effect.search is not None and device.axes == 2
-    given = [p.name for p in effect.parameters if p.default is None and (device.axes == 1 or not p.tried)]
-    if given and not searched:
+    given = [p.name for p in effect.parameters if p.default is None]
+    if given and device.axes == 1:
         raise InputError(f"--also: {name}: no trace of this device searches for its {', '.join(given)}; {declared}")
     return name

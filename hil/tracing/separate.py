@@ -6,14 +6,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from estimator.thresholds import THRESHOLDS
-from estimator.trace.separation import Experiment, Turn, amplitude_held, experiment_called, in_words, turn_for
+from estimator.identification.experiments import (
+    MODULATION,
+    STEPPING,
+    Experiment,
+    Turn,
+    amplitude_held,
+    experiment_called,
+    in_words,
+    turn_for,
+)
 from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.loop.request import RunRequest
 from hil.loop.run import run
 from hil.progress import Watcher
-from hil.records.diagnosis import Confusable, Diagnosis
+from hil.records.diagnosis import Diagnosis, Separation
 from hil.records.runfolder import RunFolder
 from hil.tracing.trace import Traced, trace
 
@@ -41,8 +49,8 @@ class Separated:
     experiment: str
     run: Path
     traced: Traced | None
-    apart: tuple[Confusable, ...]
-    still_alike: tuple[Confusable, ...]
+    apart: tuple[Separation, ...]
+    still_alike: tuple[Separation, ...]
     refused: str | None = None
 
 
@@ -109,7 +117,7 @@ def asked_for(experiment: Experiment, times: int, bench: Bench) -> Asked:
 
 
 def _next(
-    pairs: list[Confusable], bench: Bench, made: list[tuple[Experiment, int]], *, held: bool
+    pairs: list[Separation], bench: Bench, made: list[tuple[Experiment, int]], *, held: bool
 ) -> tuple[Experiment, int] | None:
     """The experiment to make, and for how many times the duration; None where all was in vain.  held: the amplitude is
     left alone.
@@ -130,7 +138,7 @@ def _next(
     return next((step for step in steps if step not in made), None)
 
 
-def separable(diagnosis: Diagnosis, bench: Bench) -> list[Confusable]:
+def separable(diagnosis: Diagnosis, bench: Bench) -> list[Separation]:
     """Pairs that an experiment would tell apart which a run of this bench can make, of four times its duration at most;
     a clock or a weight is compared by hand.
     """
@@ -138,12 +146,12 @@ def separable(diagnosis: Diagnosis, bench: Bench) -> list[Confusable]:
     return [pair for pair in pairs if _follows_turns(bench) or not named(pair.experiment or "").turning]
 
 
-def within_reach(diagnosis: Diagnosis) -> list[Confusable]:
+def within_reach(diagnosis: Diagnosis) -> list[Separation]:
     """The same of a run however long."""
-    return [pair for pair in diagnosis.confusable if experiment_called(pair.experiment or "") is not None]
+    return [pair for pair in diagnosis.separations if experiment_called(pair.experiment or "") is not None]
 
 
-def duration_for(pair: Confusable) -> float:
+def duration_for(pair: Separation) -> float:
     """`[loop] duration_s` with which `separable` has a pair, s."""
     return (pair.takes_s or 0.0) / _TIMES[-1]
 
@@ -153,7 +161,7 @@ def _follows_turns(bench: Bench) -> bool:
     return bench.observer.process_noise.rate_rad_s_per_rts > 0.0
 
 
-def _long_enough(pair: Confusable, times: int, bench: Bench) -> bool:
+def _long_enough(pair: Separation, times: int, bench: Bench) -> bool:
     return (pair.takes_s or 0.0) <= times * bench.loop.duration_s
 
 
@@ -180,9 +188,9 @@ def changes(experiment: Experiment, bench: Bench, times: int = 1) -> dict[str, d
         "stiffness_step": max(given.stiffness_step, experiment.stiffness),
     }
     if experiment.modulation > given.amplitude_modulation:
-        controller["modulation_Hz"] = frequency_Hz / THRESHOLDS.separation.modulation
+        controller["modulation_Hz"] = frequency_Hz / MODULATION
     if experiment.stiffness > given.stiffness_step:
-        controller["stiffness_step_Hz"] = frequency_Hz / THRESHOLDS.separation.stepping
+        controller["stiffness_step_Hz"] = frequency_Hz / STEPPING
     energy = max(bench.limits.energy_error, _MARGIN * ((1.0 + swing) ** 2 - 1.0))
     name = f"{bench.loop.name.removesuffix('-trace')}-{experiment.name}"
     loop: dict[str, Any] = {"name": name}
@@ -191,8 +199,7 @@ def changes(experiment: Experiment, bench: Bench, times: int = 1) -> dict[str, d
     return {"controller": controller, "limits": {"energy_error": energy}, "loop": loop}
 
 
-def _alike(pair: Confusable, diagnosis: Diagnosis) -> bool:
+def _alike(pair: Separation, diagnosis: Diagnosis) -> bool:
     """Whether the new record does not tell the pair apart either."""
     names = {pair.effect.partition(":")[0], pair.with_.partition(":")[0]}
-    alike = [one for one in diagnosis.confusable if one.behind is None]
-    return any({one.effect.partition(":")[0], one.with_.partition(":")[0]} == names for one in alike)
+    return any({one.effect.partition(":")[0], one.with_.partition(":")[0]} == names for one in diagnosis.separations)

@@ -65,7 +65,6 @@ def trace_file(
     missing_force: bool | None = None,
     also: Sequence[str] = (),
     progress: Watcher,
-    search: Tracer | None = None,
 ) -> Traced:
     """Trace `capture` by the bench file at `bench`, of an oscillator or of a rate sensor; see `trace`."""
     declared = load_any_bench(bench)
@@ -78,7 +77,7 @@ def trace_file(
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
     return trace(
         capture, named, out, fraction=fraction, report=report, missing_force=missing_force, also=also,
-        progress=progress, search=search,
+        progress=progress,
     )  # fmt: skip
 
 
@@ -94,7 +93,6 @@ def trace(
     missing_force: bool | None = None,
     also: Sequence[str] = (),
     progress: Watcher,
-    search: Tracer | None = None,
 ) -> Traced:
     """Find what the model of `bench` lacks on the record at `capture`; a new folder below `out` has the answer,
     with `report` as a page too.
@@ -102,7 +100,7 @@ def trace(
     Effects are chosen on the first `fraction` of the record and scored on the rest.  Without one, a record with a
     segment `train` and another that follows it is split as it says itself.  force: whether the missing force is
     estimated without a name; None: where something is left and a page is drawn.  also: effects to try that a trace
-    tries on request only, names or several with commas between them.  search: another tracer, for a comparison.
+    tries on request only, names or several with commas between them.
     Raises InputError for a record that cannot be traced, or that does not belong to the bench file, and for effects
     that are none; nothing is left then.
     """
@@ -133,13 +131,7 @@ def trace(
         def told(stage: str, done: int, total: int) -> None:
             progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
-        def searched() -> traced.Diagnosis:
-            # Compiles: after what can be refused without it, and where Ctrl-C need not wait for it.
-            from estimator.trace.tracing import trace as usual
-
-            return (search or usual)(problem, split=split, progress=told)
-
-        found = interruptible(searched)
+        found = interruptible(lambda: _tracer(device.axes)(problem, split=split, progress=told))
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     found = _within_limits(found, bench)
@@ -171,6 +163,20 @@ def trace(
 
         write_report(folder, found, diagnosis, record, device, settings, unnamed, capture)
     return Traced(folder, diagnosis)
+
+
+def _tracer(axes: int) -> Tracer:
+    """The tracer of a device with so many axes.
+
+    Its modules are loaded here: after what can be refused without them, and where Ctrl-C need not wait for them.
+    """
+    if axes == 2:
+        from estimator.identification.trace import trace as by_likelihood
+
+        return by_likelihood
+    from estimator.trace.free_run import trace_free_run as by_free_run
+
+    return by_free_run
 
 
 def _within_limits(found: traced.Diagnosis, bench: Bench) -> traced.Diagnosis:
@@ -218,7 +224,7 @@ def _trace_sensor(
     answer = traced.Diagnosis(
         verdict=found.verdict,
         effects=found.effects,
-        confusable=found.confusable,
+        separations=found.separations,
         rejected=found.rejected,
         findings=(),
         before=found.before,

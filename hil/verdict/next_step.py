@@ -49,7 +49,7 @@ def after_trace(
         return _used(place, bench, device)
     if diagnosis.verdict == "explained":
         return f"{again} --add {_ADDED}"
-    if place.is_dir() and any(pair.experiment is not None for pair in diagnosis.confusable):
+    if place.is_dir() and any(pair.experiment is not None for pair in diagnosis.separations):
         return f"{again} --live"
     missing = diagnosis.missing_force
     if missing is None:

@@ -11,7 +11,7 @@ _FIT = Fit(innovation_rms=1e-4, noise_floor=1e-4, ratio=1.0, whiteness_p=0.5, si
 def explained(**said: Any) -> Diagnosis:
     """ "explained", by nothing and with nothing beside it but what is `said`."""
     least: dict[str, Any] = {"record": "r", "bench": "b", "samples": 100, "split": 60}
-    least |= dict.fromkeys(("effects", "confusable", "rejected", "findings", "reasons", "equations"), ())
+    least |= dict.fromkeys(("effects", "separations", "rejected", "findings", "reasons", "equations"), ())
     least |= {"before": _FIT, "after": _FIT, "held_out": HeldOut(before=_FIT, after=_FIT)}
     return Diagnosis(verdict="explained", **(least | said))
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import pytest
 
-from hil.records.diagnosis import Coefficient, Confusable, Diagnosis, FormTerm, MissingForce
+from hil.records.diagnosis import Coefficient, Diagnosis, FormTerm, MissingForce, Separation
 from hil.records.methods import MethodRow, Methods
 from hil.verdict.next_step import PASSING, after_comparison, after_trace
 from tests.cli.diagnoses import explained
@@ -38,7 +38,7 @@ def missing(*coefficients: tuple[float, float], refused: str | None = None) -> M
 
 
 AGAIN = "hil trace runs/ride --bench runs/trace/bench.toml"
-ALIKE = Confusable.model_validate(
+ALIKE = Separation.model_validate(
     {
         "effect": "a",
         "with": "b",
@@ -55,7 +55,7 @@ ALIKE = Confusable.model_validate(
     [
         (found("explained"), f"{AGAIN} --add better.bench.toml"),
         (found("adequate"), "hil export runs/ride --what angle"),
-        (found("partly explained", confusable=(ALIKE,)), f"{AGAIN} --live"),
+        (found("partly explained", separations=(ALIKE,)), f"{AGAIN} --live"),
         (found("unexplained"), f"{AGAIN} --missing-force"),
         (found("unexplained", missing_force=missing((1.0, 3.0))), f"{AGAIN} --add better.bench.toml"),
         (found("unexplained", missing_force=missing((-1.0, 3.0))), "hil export runs/trace --what force"),
@@ -78,7 +78,7 @@ def test_an_imported_record_is_named_by_its_file(folder: Path) -> None:
     assert after_trace(folder, found("explained"), record=there) == f"{again} --add better.bench.toml"
     told = after_trace(folder, found("adequate"), record=there)
     assert told == f"hil replay 'records/my ride.arrow' --bench {folder}/bench.toml"
-    alike = found("partly explained", confusable=(ALIKE,))  # of which there is no board to make the experiment on
+    alike = found("partly explained", separations=(ALIKE,))  # of which there is no board to make the experiment on
     assert after_trace(folder, alike, record=there) == f"{again} --missing-force"
     kept = found("explained", record="elsewhere")  # shown again, nobody knows where it was
     assert after_trace(folder, kept) == f"hil trace elsewhere.arrow --bench {folder}/bench.toml --add better.bench.toml"

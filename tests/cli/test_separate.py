@@ -7,29 +7,29 @@ from typing import Any
 
 import pytest
 
-from estimator.trace.separation import EXPERIMENTS, Experiment, Turn, turn_for
+from estimator.identification.experiments import EXPERIMENTS, Experiment, Turn, turn_for
 from hil.bench import Bench, load_bench, override
 from hil.bench.examples import find
 from hil.cli.show_diagnosis import print_diagnosis
 from hil.cli.trace import _announced, _separated
 from hil.errors import InputError
 from hil.loop.request import RunRequest
-from hil.records.diagnosis import Confusable, Diagnosis
+from hil.records.diagnosis import Diagnosis, Separation
 from hil.tracing.separate import Asked, asked_for, changes, duration_for, named, separable, separate, within_reach
 from tests.cli.diagnoses import explained
 
 
-def pair(name: str | None, words: str | None = "in words that nothing hangs on", **more: Any) -> Confusable:
+def pair(name: str | None, words: str | None = "in words that nothing hangs on", **more: Any) -> Separation:
     told = {
         "effect": "sense_gain", "with": "drive_gain", "correlation": 0.9996, "separate_by": words, "expected": 0.9,
         "experiment": name,
     }  # fmt: skip
-    return Confusable.model_validate(told | more)
+    return Separation.model_validate(told | more)
 
 
 def alike(name: str | None, words: str = "in words that nothing hangs on", **more: Any) -> Diagnosis:
     """A diagnosis that cannot tell a sense gain from a drive gain, and proposes the experiment of that name."""
-    return explained(confusable=(pair(name, words, **more),))
+    return explained(separations=(pair(name, words, **more),))
 
 
 @pytest.fixture
@@ -142,15 +142,6 @@ def test_no_experiment_is_shorter_than_the_one_before(bench: Bench, made: Any) -
     assert made(alike("all", takes_s=3.0 * bench.loop.duration_s), alike("all")) == [("all", 4)]
 
 
-def test_who_falls_behind_once_carried_is_told_apart_though_alike_by_signature(made: Any) -> None:
-    """As `hil trace` finds it: listed, with no experiment for it."""
-    behind = explained(confusable=(pair(None, behind=30.0),))
-    assert made(alike("dither"), behind) == [("dither", 1)]
-    (one,) = made.last
-    assert [told.with_ for told in one.apart] == ["drive_gain"]
-    assert one.still_alike == ()
-
-
 def test_a_record_that_is_refused_is_kept_and_the_amplitude_left_alone(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -220,17 +211,16 @@ def test_who_is_at_the_bench_is_asked_to_turn_it(
 
 
 def test_what_tells_a_pair_apart_is_said(capsys: pytest.CaptureFixture[str]) -> None:
-    """In the terminal: how long it has to last, that nothing does, or that this record does once both are carried."""
+    """In the terminal: the group, how long the experiment has to last, or that nothing does."""
     pairs = (
         pair("amplitude", "modulate the amplitude", takes_s=31.4),
         pair(None, None),
-        pair(None, None, behind=42.0),
     )
-    print_diagnosis(explained(confusable=pairs))
+    print_diagnosis(explained(separations=pairs, ambiguity_groups=(("sense_gain", "drive_gain"),)))
     out = " ".join(capsys.readouterr().out.split())
     assert "to separate them: modulate the amplitude, for 31 s at least" in out
     assert out.count("no experiment separates them") == 1
-    assert "twice the log-likelihood is lower by 42 with it instead" in out
+    assert "ambiguity group of this record: sense_gain, drive_gain" in out
 
 
 def test_where_no_run_of_the_bench_is_long_enough_it_is_said_which_would_be(

@@ -42,7 +42,7 @@ def test_a_law_is_named_with_its_coefficient(name):
     if name == "cubic_damping":  # told as its look-alike, with what it is otherwise
         (said,) = found.undetermined
         assert f"cubic_damping with dcx = {size:.2g}"[:26] in said
-        assert {pair.other for pair in found.confusable} >= {"cubic_damping"}
+        assert {pair.other for pair in found.separations} >= {"cubic_damping"}
         symbol, size = "d3x", size * 3.0 * OMEGA0**2
     interval = effect.coefficients[symbol]
     assert interval.low < size < interval.high

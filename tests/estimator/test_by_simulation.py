@@ -10,9 +10,9 @@ from estimator.diagnosis import Verdict
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.trace.by_simulation import trace_by_simulation
+from estimator.trace.free_run import trace_free_run
 from estimator.trace.free_run_model import candidates
 from estimator.trace.problem import Problem
-from estimator.trace.tracing import trace
 from tests.estimator.test_simulation import RATE, SINGLE, integrated, noise_drive
 
 SETTINGS = ObserverSettings(spread=Spread(offset=0.01))
@@ -77,10 +77,10 @@ def test_two_unequal_masses_act_like_several_things_and_all_are_listed():
     settings = ObserverSettings(
         memory=2.0, spread=Spread(position=2.0, velocity=2.0, offset=1.0, stiffness=0.2, damping=1.0, rate=1e-6)
     )
-    said = trace(Problem(record, track, settings), split=300)
+    said = trace_free_run(Problem(record, track, settings), split=300)
     assert said.verdict in (Verdict.EXPLAINED, Verdict.PARTLY)
     (named,) = (effect.name for effect in said.effects)
-    alike = {pair.other: pair.separate_by for pair in said.confusable}
+    alike = {pair.other: pair.separate_by for pair in said.separations}
     assert {named, *alike} >= {"nonreciprocal_stiffness", "sense_gain", "unequal_masses"}
     declared = re.search(r"m = ([\d.]+)", alike["unequal_masses"])
     assert declared

@@ -3,7 +3,7 @@
 import math
 import subprocess
 import sys
-from dataclasses import fields, replace
+from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,7 +14,7 @@ from scipy import stats
 from scipy.signal import lfilter
 
 from estimator.diagnosis import Fit, Verdict
-from estimator.errors import DivergedError, ModelError
+from estimator.errors import DivergedError
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.residual import dependence, spectrum, whiteness
@@ -23,7 +23,7 @@ from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.thresholds_page import page
 from estimator.trace import claims as claims_of_two_axes
-from estimator.trace import determined, examination, fitness, fitting, free_response, nameless, parameters, promises
+from estimator.trace import determined, examination, fitness, fitting, nameless, parameters, promises
 from estimator.trace.evidence import likeness
 from estimator.trace.free_run import verdict_of
 from estimator.trace.nameless import Contest
@@ -241,37 +241,6 @@ def test_a_free_run_without_effects_is_adequate_up_to_three_times_the_noise(off:
 
 
 # -- free responses --------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("missed", "off", "freely"),
-    [
-        (0.02, 0.001, True),
-        (0.02, 0.03, False),  # the free run errs by more
-        (0.0001, 0.00001, False),  # the observer follows
-        (0.02, None, False),  # there is no free run
-    ],
-)
-def test_a_motion_that_the_observer_loses_goes_by_a_free_run_that_follows_it(
-    monkeypatch: pytest.MonkeyPatch, missed: float, off: float | None, *, freely: bool
-) -> None:
-    """Lost is an innovation of more than 3 % of the amplitude, here 0.089 V."""
-    problem = ring(400)
-    ones = np.ones((400, 2))
-
-    def fitted(part: Problem, effects: Any, current: Any, rows: slice) -> Any:
-        if off is None:
-            raise ModelError("no free run")
-        residual = off * ones
-        residual[: rows.start] = 9.0  # the start is nobody's
-        return SimpleNamespace(fit=SimpleNamespace(residual=residual))
-
-    monkeypatch.setattr(free_response, "Observer", lambda *given: None)
-    monkeypatch.setattr(free_response, "run", lambda observer, record: of(missed * ones, 1.0).estimates)
-    monkeypatch.setattr(free_response, "fitted", fitted)
-    assert free_response.loses_what_a_free_run_follows(problem) is freely
-    driven = problem.on(replace(problem.record, drive=np.ones((400, 2, 1))))
-    assert not free_response.loses_what_a_free_run_follows(driven)
 
 
 # -- parameters ------------------------------------------------------------------------------------------------------

@@ -18,11 +18,11 @@ from estimator.completeness.information import Coefficient, Information
 from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
 from estimator.gaps import Drives, Gaps
+from estimator.identification.experiments import EXPERIMENTS, loop_record
 from estimator.record import Record
 from estimator.settings import ControllerSettings
 from estimator.trace.problem import Problem
 from estimator.trace.scan import COURSE, PARTS, scan
-from estimator.trace.separation import EXPERIMENTS, loop_record
 from hil.inputs.declared import device_of, observer_settings_of
 from tests.estimator.test_scan import DEVICE, SETTINGS
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
+from estimator.identification.experiments import EXPERIMENTS, loop_record
 from estimator.record import Record
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import constancy as module
@@ -14,7 +15,6 @@ from estimator.trace.constancy import Constancy, constancies, constancy
 from estimator.trace.fitting import fit
 from estimator.trace.problem import Problem
 from estimator.trace.scan import PARTS
-from estimator.trace.separation import EXPERIMENTS, loop_record
 from tests.estimator.test_scan import DEVICE, SETTINGS
 
 ROWS = 40

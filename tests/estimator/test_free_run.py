@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from estimator.diagnosis import Confusable, Finding, Fit, Verdict
+from estimator.diagnosis import Finding, Fit, Separation, Verdict
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined
@@ -180,7 +180,7 @@ def test_an_effect_is_told_with_interval_and_evidence_and_its_look_alikes(answer
     assert (effect.name, effect.evidence) == ("cubic_stiffness", 900.0)
     k3 = effect.coefficients["k3x"]
     assert (k3.value, k3.low, k3.unit) == (7e5, pytest.approx(7e5 * (1 - 0.01 * Z)), "1/(m²·s²)")
-    assert said.confusable == (Confusable("cubic_stiffness", "cubic_isotropic", 0.999, None, None),)
+    assert said.separations == (Separation("cubic_stiffness", "cubic_isotropic", 0.999, None, None),)
     assert [one.name for one in said.rejected] == ["drag"]
     assert said.undetermined == ("undetermined",)
     assert said.reasons == (
@@ -230,7 +230,7 @@ def test_what_makes_an_observer_worse_explains_nothing(
 
 def test_where_nothing_is_named_its_gain_is_told(answered: Any) -> None:
     said, _ = answered(found("cubic_stiffness"), Errors(5e-3, 4.9e-3, 1e-4, 1e4))
-    assert (said.verdict, said.effects, said.share, said.confusable) == (Verdict.UNEXPLAINED, (), None, ())
+    assert (said.verdict, said.effects, said.share, said.separations) == (Verdict.UNEXPLAINED, (), None, ())
     first = said.rejected[0]
     assert first.name == "cubic_stiffness"
     assert first.reason == "carried, it gains 900 in twice the log-likelihood and leaves the rest"

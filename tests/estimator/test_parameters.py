@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from estimator.identification.experiments import EXPERIMENTS, loop_record
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
 from estimator.trace.fitting import fit
@@ -12,7 +13,6 @@ from estimator.trace.observer_model import Carrying, ObserverModel
 from estimator.trace.parameters import refine_parameters
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING
-from estimator.trace.separation import EXPERIMENTS, loop_record
 
 K = (2 * np.pi * 200.0) ** 2
 NOISE, OMEGA = 9e-5, 777.0

@@ -120,7 +120,7 @@ def test_every_candidate_is_named_or_rejected_and_who_was_carried_is_told_with_i
     assert rejected["drag"].endswith("does not outweigh its coefficients")
     assert "carried, it gains" in rejected["cubic_isotropic"]
     # On one axis a spring that hardens along the radius is one that hardens along the axis.
-    ((effect, other, likeness),) = ((one.effect, one.other, one.correlation) for one in loaded.confusable)
+    ((effect, other, likeness),) = ((one.effect, one.other, one.correlation) for one in loaded.separations)
     assert (effect, other, likeness) == ("cubic_stiffness", "cubic_isotropic", pytest.approx(1.0))
     cubic, load = loaded.probabilities
     assert cubic.probabilities["cubic_stiffness"] == pytest.approx(cubic.probabilities["cubic_isotropic"], rel=0.01)
@@ -459,7 +459,7 @@ def test_why_each_candidate_is_not_named_is_told_once(monkeypatch: pytest.Monkey
         "weak": "may be nothing",
     }
     assert len(found.rejected) == 3
-    assert (found.effects, found.dependences, found.confusable, found.share) == ((), (), (), None)
+    assert (found.effects, found.dependences, found.separations, found.share) == ((), (), (), None)
     assert found.split == 480
     assert contests == [(slice(0, 480), slice(0, 480), 480)]
 

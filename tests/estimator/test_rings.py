@@ -16,12 +16,12 @@ from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
 from estimator.thresholds import THRESHOLDS
+from estimator.trace.free_run import trace_free_run
 from estimator.trace.free_run_model import candidates
 from estimator.trace.pool.members import Member, Pool
 from estimator.trace.pool.trace import trace_pool
 from estimator.trace.problem import Problem
 from estimator.trace.rings import begun, rings
-from estimator.trace.tracing import trace
 
 RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0
 K, D, NOISE = ITSELF**2, 3.0, 1e-4
@@ -223,7 +223,7 @@ def test_one_mode_alone_needs_no_other() -> None:
 def test_one_decay_tells_it_too_and_predicts_the_part_held_out() -> None:
     """Which begins at another phase of both modes."""
     problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE, asked=(NAME,))
-    found = trace(problem, split=round(0.6 * SAMPLES))
+    found = trace_free_run(problem, split=round(0.6 * SAMPLES))
     assert found.verdict is Verdict.EXPLAINED
     inside(found)
 
@@ -233,7 +233,7 @@ def test_a_displacement_shows_it_in_the_same_form() -> None:
     record = decay(np.random.default_rng(5), True)
     seen = replace(record, sense=record.sense / ITSELF)
     shows = replace(device(Sensed.DISPLACEMENT), noise=(NOISE / ITSELF,))
-    inside(trace(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
+    inside(trace_free_run(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
 
 
 @pytest.mark.long

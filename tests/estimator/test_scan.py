@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from estimator.effects.catalogue import EFFECTS, effect_for
+from estimator.identification.experiments import EXPERIMENTS, loop_record
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
@@ -15,7 +16,6 @@ from estimator.trace.evidence import evidence, likeness
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.scan import scan
-from estimator.trace.separation import EXPERIMENTS, loop_record
 from tests.estimator.whitening import whitener
 
 OMEGA0 = 2 * np.pi * 200.0

@@ -10,6 +10,7 @@ import pytest
 from estimator.core.following import Portion, Signatures
 from estimator.core.taylor import taylor_order
 from estimator.gaps import Gaps
+from estimator.identification.experiments import EXPERIMENTS, loop_record
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
@@ -18,7 +19,6 @@ from estimator.trace import scan as scanning
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.scan import COURSE, PARTS, Scan, scan
-from estimator.trace.separation import EXPERIMENTS, loop_record
 from estimator.trace.start import begin_about, begin_moving
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS
 from tests.estimator.whitening import whitener

@@ -12,7 +12,9 @@ from estimator.identification.checks import CHECKS, Check
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import fit, settle
 from estimator.identification.likelihood import Evaluation
-from estimator.identification.result import _classes, _probabilities, _rejected, effects_of
+from estimator.identification.named import effects_of
+from estimator.identification.probabilities import _classes, probabilities
+from estimator.identification.rejected import rejected as rejections
 from estimator.identification.trace import trace
 from estimator.trace.problem import Effects
 from tests.identification.linear import fitted
@@ -23,7 +25,7 @@ from tests.identification.test_search import orthogonal, search
 LATE, SPLIT = 5e-6, 4000
 RETIRED = (
     "promise|claim|asked|look|seen|watched|standing|price|bar|hopeful|spoken|whom|objection|dissent|widening|nameless|"
-    "rival|contest|without a name|kin|alike|near|confusable|ways?|hill|climb|cliff|same number|wanes|calm|in earnest|"
+    "rival|contest|without a name|kin|alike|near|separations|ways?|hill|climb|cliff|same number|wanes|calm|in earnest|"
     "lawful|nothing|who|nobody|surprise|luck|reign|farewell|undone|carried"
 )
 """What `docs` and messages no longer say."""
@@ -33,7 +35,7 @@ RETIRED = (
 def test_a_record_with_nothing_hidden_is_adequate() -> None:
     sense, drive = records(1, 7000)
     found = trace(problem(sense[0], drive[0]), split=SPLIT)
-    assert (found.verdict, found.effects, found.confusable) == (Verdict.ADEQUATE, (), ())
+    assert (found.verdict, found.effects, found.separations) == (Verdict.ADEQUATE, (), ())
     assert found.probabilities[0].probabilities["nothing"] == max(found.probabilities[0].probabilities.values())
 
 
@@ -44,8 +46,8 @@ def test_a_channel_that_is_late_on_both_axes_is_told_with_the_drive_that_would_b
     found = trace(problem(sense[0], drive[0]), split=SPLIT)
     assert found.verdict is Verdict.EXPLAINED
     assert [effect.name for effect in found.effects] == ["sense_delay"]
-    assert [(one.effect, one.other) for one in found.confusable] == [("sense_delay", "drive_delay")]
-    assert found.confusable[0].correlation > 0.99
+    assert [(one.effect, one.other) for one in found.separations] == [("sense_delay", "drive_delay")]
+    assert found.separations[0].correlation > 0.99
     for name in ("tsx", "tsy"):
         interval = found.effects[0].coefficients[name]
         assert abs(interval.value - LATE) < 4.0 / 1.96 * (interval.high - interval.value)
@@ -107,7 +109,7 @@ def test_what_has_no_place_in_the_catalogue_is_as_probable_as_a_force_makes_the_
     one = replace(evidence(found.best, quiet=quiet, disturbed=force), without={"a": found.base})
     checks = [Check("disturbance", not left, ""), Check("prior", False, "")]
     group = [Member("c", 0.99, found.best, 3.0)]
-    (shares,) = _probabilities(one, checks, {"a": group}, found)
+    (shares,) = probabilities(one, checks, {"a": group}, found)
     weights = shares.probabilities
     other = (n * np.log(1.0 / 0.97) - 2.0 * 0.002 * n if left else 0.0) - 2.0 * np.log(n)
     assert np.log(weights["c"] / weights["a"]) == pytest.approx(-1.5)
@@ -119,8 +121,8 @@ def rejected(**gains: tuple[int, float]) -> dict[str, Rejected]:
     of = orthogonal(**gains)
     found = search(of)
     sense, drive = records(1, 60)
-    one = replace(evidence(found.best), of=of)
-    return {each.name: each for each in _rejected(problem(sense[0], drive[0]), found, one)}
+    groups: dict[str, list[Member]] = {name: [] for name in found.best.model.effects}
+    return {each.name: each for each in rejections(of, problem(sense[0], drive[0]).device, found, groups, {})}
 
 
 def test_every_candidate_that_is_not_named_says_what_it_gains_and_how_large_it_is_at_most() -> None:

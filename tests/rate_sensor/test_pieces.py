@@ -356,17 +356,17 @@ def test_alike_are_signatures_beside_all_that_is_there(monkeypatch: pytest.Monke
     chain = Chain((effect_for("saturation"), effect_for("cubic")), PLAIN, DECLARED)
     after = SensorFit(chain, np.arange(5.0), np.zeros(N), 0.0)
     candidates = tuple(effect_for(name) for name in ("saturation", "cubic", "lag", "delay", "drift", "quadratic"))
-    found = trace._confusable(after, candidates, ALL, {})
+    found = trace._separations(after, candidates, ALL, {})
     assert [(one.effect, one.other, one.correlation) for one in found] == [
         ("saturation", "lag", pytest.approx(0.99)), ("cubic", "quadratic", pytest.approx(1.0)),
     ]  # fmt: skip
     assert asked == [[0.0, 1.0, 4.0], [0.0, 1.0, 2.0, 3.0]]
     assert found[0].separate_by is None
-    near = trace._confusable(after, candidates, ALL, {"cubic": {"drift"}})  # by its likelihood, whatever its signature
+    near = trace._separations(after, candidates, ALL, {"cubic": {"drift"}})  # by its likelihood, whatever its signature
     assert [(one.effect, one.other, one.correlation) for one in near if one not in found] == [("cubic", "drift", 0.0)]
     signatures["saturation"] = axes[3]
     alone = replace(after, chain=replace(chain, effects=(effect_for("cubic"),)), parameters=np.zeros(3))
-    (told,) = trace._confusable(alone, (effect_for("saturation"),), ALL, {})
+    (told,) = trace._separations(alone, (effect_for("saturation"),), ALL, {})
     assert told.separate_by == effect_for("cubic").look_alikes["saturation"]
 
 

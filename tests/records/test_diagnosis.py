@@ -17,7 +17,7 @@ from estimator.settings import Device, ObserverSettings
 from hil.bench.addition import additions
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
-from hil.records.diagnosis import MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
+from hil.records.diagnosis import Diagnosis, MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
 from hil.records.result import Result, save_result
 from hil.records.text_seal import sealed
 from hil.report.diagnosis import write_report
@@ -35,7 +35,7 @@ DEVICE = Device(
     sense_gain=(-890.0, -890.0),
     noise=(NOISE, NOISE),
 )
-DESIGN_KEYS = {"verdict", "effects", "confusable", "before", "after", "held_out", "rejected"}
+DESIGN_KEYS = {"verdict", "effects", "ambiguity_groups", "before", "after", "held_out", "rejected"}
 FIT_KEYS = {
     "innovation_rms", "noise_floor", "ratio", "whiteness_p", "simulation_rmse", "angle_error_rms_rad",
     "rate_error_rms_rad_s",
@@ -76,7 +76,7 @@ def answer(*, found: bool = True, verdict: traced.Verdict = traced.Verdict.EXPLA
         verdict,
         (effect,) if found else (),
         (
-            traced.Confusable(
+            traced.Separation(
                 "cubic_stiffness", "sense_cubic", 0.9995, "step the amplitude", 0.6, experiment="amplitude"
             ),
         )
@@ -122,12 +122,44 @@ def test_the_file_has_what_was_promised(tmp_path: Path) -> None:
     assert said["effects"][0]["coefficients"]["k3x"] == {
         "value": 1e13, "ci95": [0.99e13, 1.01e13], "unit": "1/(m²·s²)",
     }  # fmt: skip
-    assert said["confusable"][0].items() >= {
+    assert said["separations"][0].items() >= {
         ("effect", "cubic_stiffness"), ("with", "sense_cubic"), ("separate_by", "step the amplitude"),
     }  # fmt: skip
     assert said["rejected"][0].items() >= {("name", "sense_gain"), ("reason", "explains <nothing>")}
     assert said["before"]["innovation_rms"] == pytest.approx(3 * NOISE)
     assert said["equations"] == ["ẍ = … -k3x*x**3", "ÿ = … -k3y*y**3"]
+
+
+def test_groups_of_the_version_before_are_read(tmp_path: Path) -> None:
+    """`confusable` had pairs, and among them those that the record told apart once both were fitted (`behind`)."""
+    said = to_model(answer(), record="ride", bench="S-test").model_dump(mode="json", by_alias=True)
+    (pair,) = said.pop("separations")
+    del said["ambiguity_groups"], said["unconfirmed"]
+    old = said | {"confusable": [pair | {"behind": None}, pair | {"with": "sense_gain", "behind": 42.0}]}
+    read = Diagnosis.model_validate(old)
+    assert read.ambiguity_groups == (("cubic_stiffness", "sense_cubic"),)
+    assert [one.with_ for one in read.separations] == ["sense_cubic"]
+    assert "confusable" not in read.model_dump()
+
+
+def test_the_best_candidate_that_a_check_rejects_is_told_as_not_confirmed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In file, terminal and page: coefficients, the check that failed, what it leaves; and no effect is named."""
+    with_it, without = answer(), answer(found=False, verdict=traced.Verdict.UNEXPLAINED)
+    best = traced.Unconfirmed(with_it.effects, ("on the part held out it gains −3",), with_it.held_out_after)
+    found = replace(without, unconfirmed=best)
+    model = to_model(found, record="ride", bench="S-test")
+    assert model.effects == ()
+    assert model.unconfirmed is not None
+    assert model.unconfirmed.held_out.ratio == 1.0
+    print_diagnosis(model)
+    told, page = " ".join(capsys.readouterr().out.split()), written(tmp_path, found)
+    assert "not confirmed: cubic_stiffness" in told
+    for text in (told, " ".join(page.split())):
+        assert "on the part held out it gains −3" in text
+        assert "k3x" in text
+        assert re.search(r"with it the residual held out is 1[.0]* × the noise floor", text)
 
 
 def test_what_is_no_number_is_null_and_the_file_reads_back(tmp_path: Path) -> None:
@@ -213,7 +245,7 @@ def test_a_part_has_its_share_and_what_is_left(tmp_path: Path) -> None:
 
 
 def test_a_headline_says_what_is_wrong_with_a_constant() -> None:
-    in_conflict = replace(partly(), share=None, left=(), confusable=())
+    in_conflict = replace(partly(), share=None, left=(), separations=())
     said = headline(to_model(in_conflict, record="ride", bench="S-test"))
     assert "without it a constant of the model is one that the device cannot have" in said
     assert "falls" not in said

@@ -36,14 +36,15 @@ def interval(value: float, half: float) -> dict[str, Any]:
 def said(
     verdict: str,
     *effects: tuple[str, dict[str, Any]],
-    confusable: Any = (),
+    separations: Any = (),
     rejected: Any = (),
     ratio: float | None = 1.01,
 ) -> dict[str, Any]:
     return {
         "verdict": verdict,
         "effects": [{"name": name, "coefficients": coefficients} for name, coefficients in effects],
-        "confusable": [{"effect": a, "with": b, "separate_by": how} for a, b, how in confusable],
+        "ambiguity_groups": [[a, b] for a, b, _ in separations],
+        "separations": [{"effect": a, "with": b, "separate_by": how} for a, b, how in separations],
         "rejected": [{"name": name, "reason": "", "bound": bound} for name, bound in rejected],
         "held_out": {
             "before": {"innovation_rms": 3e-4, "ratio": 3.0},
@@ -79,7 +80,7 @@ def test_an_interval_beside_the_truth_is_counted() -> None:
 
 
 def test_another_member_of_the_class_is_the_right_class_only() -> None:
-    answer = said("explained", ("drive_gain", {}), confusable=[("drive_gain", "sense_gain", "a varying rate")])
+    answer = said("explained", ("drive_gain", {}), separations=[("drive_gain", "sense_gain", "a varying rate")])
     judged = judge(truth("single", GAIN), answer)
     assert judged.first_class
     assert not judged.first_member
@@ -91,7 +92,7 @@ def test_a_wrong_name_is_misnamed_unless_something_is_confusable_with_it() -> No
     wrong = judge(truth("outside", BACKLASH), said("explained", ("cubic_stiffness", {})))
     careful = judge(
         truth("outside", BACKLASH),
-        said("explained", ("cubic_stiffness", {}), confusable=[("cubic_stiffness", "dry_friction", None)]),
+        said("explained", ("cubic_stiffness", {}), separations=[("cubic_stiffness", "dry_friction", None)]),
     )
     silent = judge(truth("outside", BACKLASH), said("unexplained", ("cubic_stiffness", {})))
     reserved = judge(truth("outside", BACKLASH), said("partly explained", ("cubic_stiffness", {})))

@@ -6,8 +6,8 @@ import pytest
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, Spread
+from estimator.trace.free_run import trace_free_run
 from estimator.trace.problem import Problem
-from estimator.trace.tracing import trace
 from tests.emulator.gyro import AMPLITUDE_M, OMEGA, record, scenario, undriven
 
 RATE, SAMPLES, MASS = 4000.0, 8000, 1e-3
@@ -59,7 +59,7 @@ def traced(what: Record, *asked: str) -> Diagnosis:
         noise=(NOISE_M,),
     )
     settings = ObserverSettings(gain=Gain.EKF, spread=Spread(stiffness=0.02, damping=2.0))
-    return trace(Problem(what, device, settings, asked=asked), split=round(0.6 * SAMPLES))
+    return trace_free_run(Problem(what, device, settings, asked=asked), split=round(0.6 * SAMPLES))
 
 
 @pytest.mark.long

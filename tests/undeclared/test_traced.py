@@ -17,7 +17,7 @@ from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.records.diagnosis import to_model
 
-engine = pytest.importorskip("estimator.trace.tracing")
+engine = pytest.importorskip("estimator.identification.trace")
 tracing = pytest.importorskip("hil.tracing.trace")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # closed loops, and whole traces of them

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from scipy.stats import norm, t
 
 from estimator.diagnosis import (
-    Confusable,
     Dependence,
     Diagnosis,
     Fit,
@@ -19,6 +18,7 @@ from estimator.diagnosis import (
     Interval,
     Rejected,
     Residual,
+    Separation,
     Verdict,
 )
 from estimator.effects.catalogue import effect_for
@@ -226,7 +226,7 @@ def _diagnosis(
     return Diagnosis(
         verdict=verdict,
         effects=tuple(_found(name, models, pool) for name in said if constant_of(name) is None),
-        confusable=_alike(
+        separations=_alike(
             model, after, tuple(name for name in said if constant_of(name) is None), as_near(chosen.rounds)
         ),
         rejected=tuple(Rejected(name, reason) for name, reason in rejected.items()),
@@ -310,7 +310,7 @@ def _dependence(name: str, models: _Models, pool: Pool) -> Dependence:
 
 def _alike(
     model: PooledModel, run: PooledRun, named: tuple[str, ...], near: Mapping[str, Collection[str]]
-) -> tuple[Confusable, ...]:
+) -> tuple[Separation, ...]:
     """Pairs of an effect that is named and one that is not which these records do not tell apart, by their signatures
     or, of those that came as near, by their likelihoods.
     """
@@ -333,7 +333,7 @@ def _alike(
                 continue
             likeness = float(np.linalg.norm(np.linalg.qr(mine)[0].T @ np.linalg.qr(theirs)[0], 2))
             if likeness > _SET.alike or other in near.get(name, ()):
-                pairs.append(Confusable(name, other, likeness, None, None))
+                pairs.append(Separation(name, other, likeness, None, None))
     return tuple(pairs)
 
 

@@ -153,6 +153,7 @@ def page_of(
             tables.dependences(diagnosis),
             pictures.effect,
         ),
+        markup.section("unconfirmed", "Best candidate, not confirmed", tables.unconfirmed(diagnosis)),
         markup.section("line", "Straight line", tables.line(diagnosis)),
         markup.section("error", error, tables.fits(diagnosis), pictures.error),
         markup.section("force", "The missing force, without a name", *_force(diagnosis, pictures.force)),
@@ -160,7 +161,7 @@ def page_of(
         markup.section(
             "residual", _held(diagnosis), tables.findings(diagnosis.findings, diagnosis.sense_unit), pictures.residual
         ),
-        markup.section("alike", "What this record does not separate", tables.confusable(diagnosis)),
+        markup.section("alike", "What this record does not separate", tables.separations(diagnosis)),
         markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
         markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
     ]
@@ -194,8 +195,8 @@ def headline(diagnosis: Diagnosis) -> str:
         )
     if partly and diagnosis.share is not None:
         said += f", {significant(100.0 * diagnosis.share)} % of its power above the floor"
-    if diagnosis.confusable:
-        others = sorted({pair.with_.replace("_", " ") for pair in diagnosis.confusable})
+    if diagnosis.separations:
+        others = sorted({pair.with_.replace("_", " ") for pair in diagnosis.separations})
         said += f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be told from {_listed(others)}"
     return said
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from hil.numbers import count, percent, plus_minus, quantity, sensed, significant
-from hil.records.diagnosis import Coefficient, Confusable, Dependence, Diagnosis, Finding, Probabilities
+from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities, Separation, Unconfirmed
 from hil.report.markup import table
 from hil.report.names import shown_unit
 
@@ -79,6 +79,26 @@ def coefficients(diagnosis: Diagnosis, truth: Mapping[str, float | None] | None 
     return table(caption, head, rows, range(1, len(head) - 1 - len(of))) if rows else ""
 
 
+def unconfirmed(diagnosis: Diagnosis) -> str:
+    """The best candidate that a check rejects, with its coefficients."""
+    best = diagnosis.unconfirmed
+    if best is None:
+        return ""
+    rows = [
+        (_plain(effect.name), symbol, _estimate(found), interval(found), shown_unit(found.unit))
+        for effect in best.effects
+        for symbol, found in effect.coefficients.items()
+    ]
+    head = ("candidate", "coefficient", "estimate", "95 % interval", "unit")
+    return table(f"Not confirmed, {left_with(best)}: {'; '.join(best.failed)}", head, rows, (2, 3))
+
+
+def left_with(best: Unconfirmed) -> str:
+    """What the residual is with a candidate that is not confirmed."""
+    ratio = best.held_out.ratio
+    return "" if ratio is None else f"with it the residual held out is {significant(ratio)} × the noise floor"
+
+
 def line(diagnosis: Diagnosis) -> str:
     """The straight line of a rate sensor, as fitted beside its effects."""
     rows = [(name, _estimate(found), interval(found), shown_unit(found.unit)) for name, found in diagnosis.base.items()]
@@ -125,7 +145,7 @@ def findings(found: Sequence[Finding], unit: str = "V") -> str:
     return table(caption, ("in the residual", "rms", "σ", "points at"), rows, (1, 2)) if rows else ""
 
 
-def confusable(diagnosis: Diagnosis) -> str:
+def separations(diagnosis: Diagnosis) -> str:
     """What this record cannot tell apart, and what would."""
     rows = [
         (
@@ -137,7 +157,7 @@ def confusable(diagnosis: Diagnosis) -> str:
             "" if pair.takes_s is None else f"{pair.takes_s:.2g} s",
             "" if pair.angle_apart_rad is None else quantity(pair.angle_apart_rad, "rad"),
         )
-        for pair in diagnosis.confusable
+        for pair in diagnosis.separations
     ]
     caption = (
         "Effects that this record does not separate; correlation of their signatures here, and in the experiment; how "
@@ -147,9 +167,7 @@ def confusable(diagnosis: Diagnosis) -> str:
     return table(caption, head, rows, (2, 4, 5, 6)) if rows else ""
 
 
-def _tells_apart(pair: Confusable) -> str:
-    if pair.behind is not None:
-        return f"this record: twice the log-likelihood is lower by {pair.behind:.3g} with it instead"
+def _tells_apart(pair: Separation) -> str:
     return pair.separate_by or "nothing known"
 
 

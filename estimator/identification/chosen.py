@@ -1,0 +1,53 @@
+"""Which effects are chosen: by a search on a beginning of the record, fitted to more of it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from estimator.identification.ambiguity import Member, exchanged
+from estimator.identification.fit import FittedModel, at, finished, settle
+from estimator.identification.likelihood import Likelihood
+from estimator.identification.search import Search, search
+
+SEARCHED = 25_000
+"""Samples of the fitted part on which effects are chosen: what shows in more only is small."""
+REFINED = 100_000
+"""... and on which what was chosen is fitted: beyond, coefficients are surer than any model."""
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What was chosen: on how much of the record, by which search; the models before and after, fitted to `of`; what
+    may stand in the place of each effect.
+    """
+
+    of: Likelihood
+    found: Search
+    before: FittedModel
+    after: FittedModel
+    groups: dict[str, list[Member]]
+
+    @property
+    def named(self) -> list[str]:
+        """The effects that were added."""
+        return [name for name in self.after.model.effects if name not in self.before.model.effects]
+
+
+def choose(of: Likelihood, progress: Callable[[str, int, int], None]) -> Chosen:
+    """Effects chosen on a beginning of the record and fitted to more of it."""
+    searched, fitted = (of.part(slice(0, min(of.samples, most))) for most in (SEARCHED, REFINED))
+    found = search(searched.following, progress)
+    if searched.following != searched:
+        # What a filter is corrected for all the time, a run that nothing corrects may still tell.
+        more = search(searched, progress, freed(searched, found.best))
+        found = Search(freed(searched, found.base), more.best, (*found.rounds, *more.rounds))
+    best, groups = exchanged(searched, found.best)
+    before = found.base
+    if fitted.samples > searched.samples:
+        before, best = (finished(fitted, settle(fitted, at(fitted, one.layout, one.model))) for one in (before, best))
+    return Chosen(fitted, found, before, best, groups)
+
+
+def freed(of: Likelihood, followed: FittedModel) -> FittedModel:
+    """A model that was fitted by a filter, by a run that nothing corrects."""
+    model = replace(followed.model, noise=replace(followed.model.noise, force=of.declared_noise().force))
+    return finished(of, settle(of, at(of, followed.layout, model)))

@@ -1,0 +1,43 @@
+"""How probable each account of a record is."""
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from estimator.diagnosis import Classes
+from estimator.identification.ambiguity import Member
+from estimator.identification.checks import OF_THE_REST, Check, Evidence
+from estimator.identification.search import Search
+from estimator.trace.candidates import kind
+
+
+def probabilities(
+    evidence: Evidence, checks: Iterable[Check], groups: Mapping[str, list[Member]], found: Search
+) -> tuple[Classes, ...]:
+    """How probable each account of the record is: likelihoods less what their coefficients cost (Schwarz, 1978).
+
+    Something else than the catalogue has is a random force, where a check finds more of it than a complete model may
+    leave.
+    """
+    quiet, disturbed = evidence.quiet, evidence.disturbed
+    penalty = 2.0 * float(np.log(quiet.count.sum()))
+    left = any(not check.passed and check.name in OF_THE_REST for check in checks)
+    other = 2.0 * (disturbed.log_likelihood - quiet.log_likelihood) - penalty if left else -penalty
+    if not evidence.without:
+        last = found.rounds[-1]
+        gains = {kind(score.name): score.robust - penalty for score in reversed(last.table)}
+        return (_classes(None, {"nothing": 0.0, "something else": other, **gains}),)
+    classes = []
+    for name, without in evidence.without.items():
+        gain = evidence.model.gain_over(without)
+        weights = {"nothing": 0.0, kind(name): gain, "something else": gain + other}
+        weights |= {kind(member.name): gain - member.deficit for member in groups[name]}
+        classes.append(_classes(kind(name), weights))
+    return tuple(classes)
+
+
+def _classes(effect: str | None, gains: Mapping[str, float]) -> Classes:
+    top = max(gains.values())
+    weights = {name: float(np.exp(0.5 * (gain - top))) for name, gain in gains.items()}
+    total = sum(weights.values())
+    return Classes(effect, dict(sorted(((n, w / total) for n, w in weights.items()), key=lambda item: -item[1])))

@@ -1,0 +1,65 @@
+"""Effects that a trace does not name: why not, and how large they can be at most."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from estimator.diagnosis import Interval, Rejected
+from estimator.identification.ambiguity import Member
+from estimator.identification.likelihood import Likelihood
+from estimator.identification.score_test import Score
+from estimator.identification.search import Search, forbidden, margin
+from estimator.scaling import Scaling
+from estimator.settings import Device
+from estimator.trace.candidates import kind
+from estimator.trace.certainty import TWO_SIDED
+
+
+def rejected(
+    of: Likelihood, device: Device, found: Search, groups: Mapping[str, list[Member]], failed: Mapping[str, str]
+) -> tuple[Rejected, ...]:
+    """Every kind that is not named, once: what it gains beside the model, and a 95 % bound on its coefficients.
+
+    groups: of each named effect, the other members; failed: of effects that a check took out again, its sentence.
+    """
+    last = found.rounds[-1]
+    alone = {score.name: score.gain for score in found.rounds[0].table}
+    fitted = {name: 2.0 * (one.objective - last.base.objective) for name, one in last.fitted}
+    members = {kind(member.name): kind(name) for name, group in groups.items() for member in group}
+    named = {kind(name) for name in groups} - {kind(name) for name in failed}
+    least = margin(len({kind(score.name) for score in last.table}))
+    answers: dict[str, Rejected] = {
+        kind(name): Rejected(kind(name), sentence) for name, sentence in failed.items()
+    }  # fmt: skip
+    for score in last.table:
+        which = kind(score.name)
+        if which in named or which in answers:
+            continue
+        gain = fitted.get(score.name, score.gain)
+        if which in members:
+            reason = f"this record does not separate it from {members[which]}"
+        elif forbidden(of, score.name, score.size, score.deviation):
+            reason = "a coefficient that is never negative would be"
+        elif gain < least:
+            reason = f"gains {gain:.4g} in twice the log-likelihood: no more than chance"
+        else:
+            reason = f"gains {gain:.4g} in twice the log-likelihood, less than its parameters cost"
+        bound = _bound(of, score, Scaling.of(device))
+        answers[which] = Rejected(which, reason, bound, alone.get(score.name), fitted.get(score.name))
+    return tuple(answers.values())
+
+
+def _bound(of: Likelihood, score: Score, scaling: Scaling) -> dict[str, Interval]:
+    """Of each coefficient of which the record says anything, less what the plausible size of the effect says of it."""
+    bound = {}
+    wider = TWO_SIDED * float(np.sqrt(max(score.scatter, 1.0)))
+    of_effect = of.effect(score.name).coefficients
+    plausible = of.plausible(score.name)
+    for c, size, deviation, likely in zip(of_effect, score.size, score.deviation, plausible, strict=True):
+        told = float(deviation**-2.0 - likely**-2.0)
+        if not told > 0.0:
+            continue
+        unit = scaling.coefficient(c)
+        value, half = unit * float(size / (deviation**2 * told)), wider * abs(unit) / told**0.5
+        bound[kind(c.name)] = Interval(value, value - half, value + half, c.unit)
+    return bound
