@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+import hil
 from hil.cli.options import RUNS, Json, Note, Out, Report
 
 PortLink = Annotated[str, typer.Argument(metavar="LINK", help="NAME:PATH[?baud=N], NAME being an adapter.")]
@@ -34,27 +35,15 @@ def record(
       hil record stim300:/dev/ttyUSB0 --duration 7200 --name still          long enough for the bias instability
       python -m device_emulator.stim300             an emulated one; prints where it can be reached
     """
-    from hil.boards.adapter import find_port
-    from hil.boards.record import record as record_port
     from hil.cli.progress import watching
     from hil.cli.show import finish, say
-    from hil.report.sensor import write_report
 
-    port = find_port(link)
-    called = name or link.partition(":")[0]
     try:
-        with watching(called) as watch:
-            folder = record_port(
-                port,
-                link,
-                out,
-                name=called,
-                seconds=duration,
-                note=note,
-                progress=watch,
-                report=write_report if report else None,
-            )
+        with watching(name or link.partition(":")[0]) as watch:
+            done = hil.record(
+                link, duration_s=duration, name=name, note=note, report=report, out=out, progress=watch
+            )  # fmt: skip
     except KeyboardInterrupt:
         say("the record was closed")
         raise
-    finish(folder, as_json=json)
+    finish(done.path, as_json=json)

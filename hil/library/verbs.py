@@ -5,6 +5,7 @@ folder or a capture, or as arrays by the names of an interchange CSV.  Whatever 
 one line that names the place and the remedy.
 """
 
+import math
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -120,6 +121,38 @@ def open_live(
         request = asked(bench, options, link=link)
         require_consent(request, given=arm)
         return Live(request, path_of("out", out), opened_by=open_live, progress=_watcher(progress))
+
+
+@said_of_arguments
+def record(
+    link: str,
+    *,
+    duration_s: float = 10.0,
+    name: str | None = None,
+    note: str | None = None,
+    report: bool = True,
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+) -> Run:
+    """Record a sensor that puts out rates and cannot be driven, and check the record; a new run below `out`.
+
+    link: `NAME:PATH[?baud=N]`, NAME being that of an adapter (`hil.boards`).  duration_s: of the sensor's time.  name:
+    of the run, by default the adapter's.  Raises InputError or WireError where nothing was recorded;
+    KeyboardInterrupt is passed on after the record is closed.
+    """
+    from hil.boards.adapter import find_port
+    from hil.boards.record import record as record_port
+    from hil.report.sensor import write_report
+
+    require("link", link, str, "a text such as stim300:/dev/ttyUSB0")
+    require("duration_s", duration_s, Real, "a number of seconds")
+    if not 0.0 < duration_s < math.inf:
+        raise InputError(f"--duration: {duration_s:g} s; give a time above 0")
+    folder = record_port(
+        find_port(link), link, path_of("out", out), name=name or link.partition(":")[0], seconds=duration_s, note=note,
+        progress=_watcher(progress), report=write_report if report else None,
+    )  # fmt: skip
+    return _run_at(folder)
 
 
 @said_of_arguments

@@ -6,10 +6,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+import hil
 from hil import cli
 from hil.boards.adapter import find_port
 from hil.boards.record import record
@@ -175,3 +177,28 @@ def test_links_of_adapters() -> None:
 def test_an_adapter_from_another_package(install: Install) -> None:
     install("other", "hil.boards.stim300:Stim300")
     assert find_port("other:/dev/ttyUSB3").path == "/dev/ttyUSB3"
+
+
+@pytest.mark.realtime
+def test_the_library_records_as_the_command_line_does(tmp_path: Path) -> None:
+    with emulated("--sample-rate", "1000", "--rate", "-25", "--noise", "0.05") as (link, _):
+        run = hil.record(link, duration_s=1.0, note="n", report=False, out=tmp_path)
+    assert (run.verdict, run.result.samples, run.result.operator_note) == ("good", 1000, "n")
+    assert run.path.name.endswith("-stim300")
+
+
+@pytest.mark.parametrize(
+    ("link", "given", "said"),
+    [
+        ("banana:/dev/ttyUSB0", {}, "no adapter of that name; known: "),
+        (7, {}, "link: expected a text such as stim300:/dev/ttyUSB0"),
+        ("stim300:/dev/absent", {"duration_s": 0.0}, "duration_s=: 0 s; give a time above 0|duration_s: 0 s"),
+        ("stim300:/dev/absent", {"duration_s": float("nan")}, "give a time above 0"),
+    ],
+)
+def test_what_the_library_cannot_record_is_one_line(
+    tmp_path: Path, link: Any, given: dict[str, float], said: str
+) -> None:
+    with pytest.raises(InputError, match=said):
+        hil.record(link, out=tmp_path, **given)
+    assert not list(tmp_path.iterdir())
