@@ -11,7 +11,7 @@ import sys
 import warnings
 from typing import Any, NoReturn
 
-from hil.errors import in_two, printable, told_to_user
+from hil.errors import printable, refusal_of, told_to_user
 from hil.errors.exit_codes import ExitCode
 from hil.errors.interruption import take_signals
 
@@ -63,7 +63,7 @@ def execute(arguments: list[str]) -> int:
             code, sentence = ExitCode.FAULT, kept_fault(error)
         _say(sentence)
         if "--json" in arguments:
-            print(json.dumps({**in_two(sentence)._asdict(), "exit_code": int(code)}))
+            print(json.dumps({**refusal_of(sentence)._asdict(), "exit_code": int(code)}))
         return code
     if code == ExitCode.INTERRUPTED:  # newer typers return it, older ones raise
         _say("interrupted")

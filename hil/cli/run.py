@@ -58,11 +58,11 @@ def run(
     from hil.cli.progress import watching
     from hil.cli.show import finish, question, show_identity
     from hil.errors import InputError
-    from hil.library.asked import asked
+    from hil.library.request import request_of
 
     if live and (dry_run or options.get("truth") or options.get("wire_log")):
         raise InputError("--live: without --dry-run, --truth and --wire-log; give --truth to a hil emulate of its own")
-    request = asked(bench, options, link=link, dry_run=dry_run)
+    request = request_of(bench, options, link=link, dry_run=dry_run)
     declared, url = request.bench, request.link
     if not dry_run:
         question(declared)

@@ -22,13 +22,13 @@ from hil.bench.examples import find
 from hil.errors import InputError, printable
 from hil.errors.strict_toml import parse_table
 from hil.library.arrays import CALLED, Table, columns_of, write_capture
-from hil.library.asked import asked, require_consent
 from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
 from hil.library.keywords import takes
 from hil.library.live import Live
 from hil.library.loading import load_trace
 from hil.library.places import bench_file, folder_of, path_of, require
+from hil.library.request import request_of, require_consent
 from hil.library.series import Series
 from hil.library.tracing import Trace
 from hil.library.words import in_arguments_of, renamed, said_of_arguments
@@ -81,7 +81,7 @@ def run(
     """
     from hil.loop.run import run as run_loop
 
-    request = asked(bench, options, link=link)
+    request = request_of(bench, options, link=link)
     require_consent(request, given=arm)
     return _run_at(run_loop(request, path_of("out", out), progress=_watcher(progress)).folder)
 
@@ -100,7 +100,7 @@ def dry_run(
     """
     from hil.loop.run import run as run_loop
 
-    request = asked(bench, options, link=link, dry_run=True)
+    request = request_of(bench, options, link=link, dry_run=True)
     return run_loop(request, RUNS, progress=_watcher(progress)).identity
 
 
@@ -118,7 +118,7 @@ def open_live(
     nothing is connected before the first block is asked for.
     """
     with in_arguments_of(open_live):  # no decorator: hil.open is the same, and its type is plain
-        request = asked(bench, options, link=link)
+        request = request_of(bench, options, link=link)
         require_consent(request, given=arm)
         return Live(request, path_of("out", out), opened_by=open_live, progress=_watcher(progress))
 

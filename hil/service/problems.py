@@ -10,8 +10,8 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from estimator.errors import ModelError
-from hil.errors import InputError, in_two, told_to_user
-from hil.errors.told import Told
+from hil.errors import InputError, refusal_of, told_to_user
+from hil.errors.refusal import Refusal
 from hil.wire.errors import WireError
 
 _UNDONE = "nothing was done; make room and ask again"
@@ -30,12 +30,12 @@ _UNKNOWN = {
 
 
 class Problem(Exception):
-    """A request that is refused with `status`; `error` and `remedy` are one line each, see `told`."""
+    """A request that is refused with `status`; `error` and `remedy` are one line each, see `refusal`."""
 
     def __init__(self, status: int, error: str, remedy: str = "") -> None:
         super().__init__(error)
         self.status = status
-        self.error, self.remedy = told(status, error, remedy)
+        self.error, self.remedy = refusal(status, error, remedy)
 
 
 class ProblemBody(BaseModel):
@@ -49,12 +49,12 @@ class ProblemBody(BaseModel):
 
 def problem_response(status: int, error: str, remedy: str = "") -> JSONResponse:
     """The answer that refuses."""
-    return JSONResponse(told(status, error, remedy)._asdict(), status)
+    return JSONResponse(refusal(status, error, remedy)._asdict(), status)
 
 
-def told(status: int, error: str, remedy: str = "") -> Told:
+def refusal(status: int, error: str, remedy: str = "") -> Refusal:
     """The refusal in two lines, neither empty: where it has no remedy, what helps with most of that status."""
-    return in_two(error, remedy, _OTHERWISE.get(status, _ASK_RIGHTLY))
+    return refusal_of(error, remedy, _OTHERWISE.get(status, _ASK_RIGHTLY))
 
 
 def answer_problems(app: FastAPI) -> None:

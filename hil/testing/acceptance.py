@@ -102,7 +102,7 @@ class BoardUnderTest:
         Raises CannotDo without consent to arm, or for `truth` of a board that is not emulated here; InputError and
         WireError as `hil.run`.
         """
-        from hil.library.asked import asked
+        from hil.library.request import request_of
         from hil.loop.run import run
         from hil.scoring.score import score
 
@@ -119,7 +119,7 @@ class BoardUnderTest:
         self.close()
         truth_file = self._runs.with_name("truth.arrow") if truth else None
         options |= {"clock": clock, "truth": truth_file, "replace": True}
-        request = asked(bench, cast(LocalRunOptions, options), link=self.link)
+        request = request_of(bench, cast(LocalRunOptions, options), link=self.link)
         done = run(request, self._runs, progress=_unwatched)
         if done.folder is None:
             raise InputError(f"{self.link}: nothing was recorded")

@@ -10,7 +10,7 @@ from typing import Any
 
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.library.asked import asked, require_consent
+from hil.library.request import request_of, require_consent
 from hil.loop.drives import Fact, digest, drives, in_one_line
 from hil.loop.live_settings import Settings, at_once, with_settings
 from hil.loop.options import RunOptions
@@ -142,7 +142,7 @@ class BoardPart:
             declared = found(self._service.folder, "bench", name)
         else:
             raise Problem(422, "no bench file is named", 'give "bench", or "bench_toml" with what is in one')
-        return asked(declared, start.options, link=self._told["link"])
+        return request_of(declared, start.options, link=self._told["link"])
 
     def _waiting(self) -> dict[str, float]:
         """Settings that wait for the next start: of the lease under which they were asked for, and of no other."""

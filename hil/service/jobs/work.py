@@ -20,12 +20,12 @@ def do(order: dict[str, Any], out: Path, place: Path, *, began: Said, progress: 
 
 
 def _run(order: dict[str, Any], out: Path, place: Path, began: Said, progress: Watcher) -> dict[str, Any]:
-    from hil.library.asked import asked
+    from hil.library.request import request_of
     from hil.loop.run import run
 
     truth = place / "truth.arrow" if order.pop("score", False) else None
     bench, link, _ = order.pop("bench"), order.pop("link"), order.pop("called")
-    request = asked(bench, {**order, "truth": truth}, link=link)  # type: ignore[typeddict-item]
+    request = request_of(bench, {**order, "truth": truth}, link=link)  # type: ignore[typeddict-item]
     assert request.emulated  # was looked at before, and is not driven unasked
     done = run(request, out, begun=lambda folder, _: began(folder.name), progress=progress)
     assert done.folder is not None

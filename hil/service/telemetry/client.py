@@ -15,7 +15,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hil.errors import InputError
-from hil.service.problems import told
+from hil.service.problems import refusal
 from hil.service.telemetry.hub import Hub
 from hil.service.telemetry.views import (
     AskPattern,
@@ -153,7 +153,7 @@ class Client:
 
     def _refuse(self, number: Any, error: str) -> None:
         asked = number if isinstance(number, int) else None
-        self.line({"kind": "error", "id": asked, **told(400, error)._asdict()})
+        self.line({"kind": "error", "id": asked, **refusal(400, error)._asdict()})
 
     async def _bring_to_safe(self) -> None:
         self.line({"kind": "safe", **await self._safe()})

@@ -7,21 +7,21 @@ from hil.errors.input import printable
 _LONGEST = 400  # characters of a line: what was given may be quoted in it
 
 
-class Told(NamedTuple):
-    """A refusal in two lines."""
+class Refusal(NamedTuple):
+    """Two lines for a program."""
 
     error: str
     remedy: str
 
 
-def in_two(line: str, remedy: str = "", otherwise: str = "") -> Told:
+def refusal_of(line: str, remedy: str = "", otherwise: str = "") -> Refusal:
     """What is wrong and what to do about it: where no remedy is given it is the end of the line, behind its last
     semicolon, as every error of the bench has it, else `otherwise`.
     """
     if not remedy:
         said, mark, last = line.rpartition("; ")
         line, remedy = (said, last) if mark and last.strip() else (line, otherwise)
-    return Told(_line(line) or "refused", _line(remedy))
+    return Refusal(_line(line) or "refused", _line(remedy))
 
 
 def _line(text: str) -> str:

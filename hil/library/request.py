@@ -13,7 +13,7 @@ from hil.loop.request import RunRequest
 from hil.records.kind import require_unowned
 
 
-def asked(
+def request_of(
     bench: Bench | Path | str, options: RunOptions, *, link: str | None = None, dry_run: bool = False
 ) -> RunRequest:
     """Put together what is asked, files of this machine too (`LocalRunOptions`).  Raises InputError."""
