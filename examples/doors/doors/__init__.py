@@ -1,0 +1,1 @@
+"""A link, a sensor and a file format of one's own."""
