@@ -2,7 +2,7 @@
 
 Prints one line, `ready stim300:/dev/pts/N`, waits for a reader and sends until SIGTERM or until nobody reads any more.
 The datagram is made here once more from the layout, with a checksum of its own, so that encoder and decoder share no
-code; the layout they share, and `hil.boards.stim300` says where that comes from. Like the sensor, it cannot wait: what
+code; the layout they share, and `hil.sensors.stim300` says where that comes from. Like the sensor, it cannot wait: what
 the line does not take is lost.
 """
 

@@ -2,7 +2,7 @@
 
     pytest --hil-bench my.bench.toml --hil-link serial:/dev/ttyACM0 --hil-arm
 
-Fixtures: `bench`, the bench file; `board`, a `hil.testing.acceptance.BoardUnderTest` of that link. Markers:
+Fixtures: `bench`, the bench file; `board`, a `hil.testing.board.BoardUnderTest` of that link. Markers:
 `hil_clock(name)`, the test needs a board that keeps that clock; `hil_emulated`, it needs an emulated board (its truth,
 say).
 
@@ -18,7 +18,7 @@ import pytest
 
 if TYPE_CHECKING:
     from hil.bench import Bench
-    from hil.testing.acceptance import BoardUnderTest
+    from hil.testing.board import BoardUnderTest
 
 _FAULT = pytest.StashKey[bool]()
 
@@ -61,7 +61,7 @@ def board(request: pytest.FixtureRequest, bench: "Bench", tmp_path: Path) -> Ite
     """The board at `--hil-link`, connected when first used and SAFE afterwards. Skips what it cannot do."""
     from hil.boards.emulation import is_emulated, located
     from hil.errors import InputError
-    from hil.testing.acceptance import BoardUnderTest, CannotDo
+    from hil.testing.board import BoardUnderTest, CannotDo
     from hil.wire.errors import LinkError
 
     config = request.config
@@ -92,7 +92,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     try:
         return (yield)
     except Exception as error:
-        if type(error).__name__ == "CannotDo" and type(error).__module__ == "hil.testing.acceptance":
+        if type(error).__name__ == "CannotDo" and type(error).__module__ == "hil.testing.board":
             pytest.skip(str(error))
         if _is_ours(error):
             item.session.config.stash[_FAULT] = True
@@ -113,7 +113,7 @@ def _is_ours(error: Exception) -> bool:
     from traceback import walk_tb
 
     modules = {frame.f_globals.get("__name__") for frame, _ in walk_tb(error.__traceback__)}
-    if isinstance(error, AssertionError) or "hil.testing.acceptance" not in modules:
+    if isinstance(error, AssertionError) or "hil.testing.board" not in modules:
         return False
     from hil.errors import told_to_user
 

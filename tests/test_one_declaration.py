@@ -89,7 +89,7 @@ STRUCTURE = {
     "estimator/trace/symmetries.py", "estimator/trace/free_run.py",
     "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
     "hil/bench/toml.py", "hil/interchange/channels.py", "estimator/observer.py", "estimator/core/layout.py",
-    "estimator/rate_sensor/surroundings.py", "hil/generating/written.py",
+    "estimator/rate_sensor/surroundings.py", "hil/codegen/written.py",
 }  # fmt: skip
 
 

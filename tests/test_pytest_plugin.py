@@ -151,7 +151,7 @@ def test_the_examples_find_a_noisy_board(pytester: pytest.Pytester, tmp_path: Pa
 @pytest.mark.parametrize(("error", "code"), [("KeyError('x')", 3), ("AssertionError()", 1)])
 def test_a_fault_of_the_bench_is_no_verdict_on_a_board(pytester: pytest.Pytester, error: str, code: int) -> None:
     text = f"""
-        from hil.testing.acceptance import BoardUnderTest
+        from hil.testing.board import BoardUnderTest
 
         def test_it(monkeypatch):
             def broken(*_):

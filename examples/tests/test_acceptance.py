@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from hil.bench import Bench
 from hil.records.capture import Capture
-from hil.testing.acceptance import BoardUnderTest
+from hil.testing.board import BoardUnderTest
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveForce, SafeReason, State, Status
 from hil.wire.sense import Sense

@@ -1,1 +1,1 @@
-"""Boards that speak something else: adapters that turn a vendor's framing into the bench's samples."""
+"""The other end of a link: emulated boards, and who a board says it is."""

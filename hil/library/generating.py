@@ -12,7 +12,7 @@ from hil.wire.messages import Identity
 from hil.wire.spec import SPEC
 
 if TYPE_CHECKING:
-    from hil.generating.generate import Generated
+    from hil.codegen.c_code import Generated
 
 _BITS = 16
 
@@ -36,7 +36,7 @@ def generate(
     it as a co-simulation unit of FMI 3.0, too, for which a C compiler is needed.  Raises InputError for a bench that is
     no two-axis gyro's, or has an effect that cannot be written.
     """
-    from hil.generating.generate import generate as write
+    from hil.codegen.c_code import generate as write
 
     declared, place = (bench, "the bench") if isinstance(bench, Bench) else _loaded(bench)
     identity = identity_at(link) if link is not None else _assumed(declared, latency, sense_scale, drive_scale)

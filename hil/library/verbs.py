@@ -140,9 +140,9 @@ def record(
     of the run, by default the adapter's.  Raises InputError or WireError where nothing was recorded;
     KeyboardInterrupt is passed on after the record is closed.
     """
-    from hil.boards.adapter import find_port
-    from hil.boards.record import record as record_port
     from hil.report.sensor import write_report
+    from hil.sensors.adapter import find_port
+    from hil.sensors.record import record as record_port
 
     require("link", link, str, "a text such as stim300:/dev/ttyUSB0")
     require("duration_s", duration_s, Real, "a number of seconds")

@@ -19,10 +19,10 @@ from typing import ClassVar
 
 import pytest
 
-from hil.boards.adapter import Adapter, Sample
 from hil.errors import InputError
 from hil.interchange.importer import import_from
 from hil.interchange.packaged import PackagedSource, Reader
+from hil.sensors.adapter import Adapter, Sample
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError
@@ -34,7 +34,7 @@ _LINES = "\r\n"
 
 
 class AdapterConformance:
-    """Of `hil.boards.adapter.Adapter`.
+    """Of `hil.sensors.adapter.Adapter`.
 
     Attributes:
         make: makes one that has heard nothing.

@@ -41,7 +41,7 @@ SERVING = {
 """What goes on until it is told to stop: its first line is the document."""
 
 ELSEWHERE = {"demo", "record", "top"}
-"""Of these tests/cli/test_processes.py, tests/boards and tests/service speak: a demo takes a minute, the others need a
+"""Of these tests/cli/test_processes.py, tests/sensors and tests/service speak: a demo takes a minute, the others need a
 sensor and a service."""
 
 ABSENT = {

@@ -10,10 +10,10 @@ import pytest
 
 from hil.bench.examples import directory, find
 from hil.boards.emulation import emulator
-from hil.boards.stim300 import SIZE, Stim300
+from hil.sensors.stim300 import SIZE, Stim300
 from hil.testing.conformance import AdapterConformance, LinkConformance
 from hil.wire.links import open_link
-from tests.boards.golden import remainder
+from tests.sensors.golden import remainder
 
 
 def datagram(counter: int) -> bytes:

@@ -4,15 +4,15 @@ import math
 import re
 from functools import reduce
 
-from hil.boards.adapter import Sample
 from hil.records.layout import Column
+from hil.sensors.adapter import Sample
 
 _LINE = re.compile(rb"\$(G,(\d{1,3}),(-?\d{1,7}))\*([0-9A-F]{2})\r\n")
 _LONGEST = 64
 
 
 class AsciiGyro:
-    """As `hil.boards.adapter.Adapter`."""
+    """As `hil.sensors.adapter.Adapter`."""
 
     title = "ASCII gyro, rate"
     channels = (Column("rate_z_code", "i4", "rad/s", math.radians(1e-3)),)

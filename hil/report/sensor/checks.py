@@ -2,10 +2,10 @@
 
 from typing import NamedTuple
 
-from hil.boards.record import BENIGN, DAMAGED, LOST
 from hil.numbers import count, percent, share, significant
 from hil.report.markup import table
 from hil.report.sensor.material import SensorMaterial
+from hil.sensors.record import BENIGN, DAMAGED, LOST
 
 
 class Check(NamedTuple):

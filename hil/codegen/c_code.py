@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.codegen.fmu import write_fmu
+from hil.codegen.golden import Golden, golden
+from hil.codegen.sizes import Sizes, sizes
+from hil.codegen.written import INTERFACE, decimal, files_of, filled
 from hil.errors import InputError
-from hil.generating.fmu import write_fmu
-from hil.generating.golden import Golden, golden
-from hil.generating.sizes import Sizes, sizes
-from hil.generating.written import INTERFACE, decimal, files_of, filled
 from hil.inputs.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
 from hil.records.atomic import write_text
 from hil.wire.messages import Identity

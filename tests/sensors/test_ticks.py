@@ -2,8 +2,8 @@
 
 import pytest
 
-from hil.boards.adapter import Sample
-from hil.boards.ticks import TickCounter
+from hil.sensors.adapter import Sample
+from hil.sensors.ticks import TickCounter
 
 RATES_HZ = (125.0, 250.0, 500.0, 1000.0, 2000.0)
 RATE_HZ = 500.0

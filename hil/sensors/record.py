@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.boards.adapter import Adapter, Port
-from hil.boards.ticks import TickCounter
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_name
 from hil.records.layout import Layout
@@ -20,6 +18,8 @@ from hil.records.result import Result, Sensor, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter
 from hil.records.summary import lost_samples
+from hil.sensors.adapter import Adapter, Port
+from hil.sensors.ticks import TickCounter
 from hil.wire.errors import LinkError, WireError
 from hil.wire.link import Link
 from hil.wire.serial_link import open_serial

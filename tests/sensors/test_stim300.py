@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from device_emulator import stim300 as emulated
-from hil.boards.stim300 import RATE_RAD_S, SIZE, Stim300, checksum
-from tests.boards.golden import golden, remainder
+from hil.sensors.stim300 import RATE_RAD_S, SIZE, Stim300, checksum
+from tests.sensors.golden import golden, remainder
 
 # Written down once, so that code and hand calculation cannot drift together.
 WIRE = [

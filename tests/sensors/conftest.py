@@ -27,4 +27,4 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
 def _own_adapters(install: Install) -> None:
     """The bench's own ones, where this checkout has not been installed since they were declared."""
     if "stim300" not in entry_points(group="hil.boards").names:
-        install("stim300", "hil.boards.stim300:Stim300")
+        install("stim300", "hil.sensors.stim300:Stim300")

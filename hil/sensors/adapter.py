@@ -1,7 +1,7 @@
 """What an adapter for a vendor's framing is, and where adapters are found: entry points of the group `hil.boards`.
 
     [project.entry-points."hil.boards"]
-    stim300 = "hil.boards.stim300:Stim300"
+    stim300 = "hil.sensors.stim300:Stim300"
 
 The name of the entry point is the scheme of its links, `stim300:/dev/ttyUSB0`.
 """

@@ -13,8 +13,6 @@ import pytest
 
 import hil
 from hil import cli
-from hil.boards.adapter import find_port
-from hil.boards.record import record
 from hil.errors import InputError
 from hil.interchange.exported import channels
 from hil.progress import Progress
@@ -22,8 +20,10 @@ from hil.records.capture import Capture, read_capture
 from hil.records.rates import rates_rad_s
 from hil.records.result import Result, load_result
 from hil.report import sensor
+from hil.sensors.adapter import find_port
+from hil.sensors.record import record
 from hil.wire.errors import LinkError
-from tests.boards.conftest import Install
+from tests.sensors.conftest import Install
 
 
 @contextmanager
@@ -175,7 +175,7 @@ def test_links_of_adapters() -> None:
 
 
 def test_an_adapter_from_another_package(install: Install) -> None:
-    install("other", "hil.boards.stim300:Stim300")
+    install("other", "hil.sensors.stim300:Stim300")
     assert find_port("other:/dev/ttyUSB3").path == "/dev/ttyUSB3"
 
 

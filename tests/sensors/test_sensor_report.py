@@ -9,8 +9,6 @@ import numpy as np
 import pytest
 from scipy.signal import fftconvolve, lfilter
 
-from hil.boards.record import judge
-from hil.boards.stim300 import RATE_RAD_S, Stim300
 from hil.errors import InputError
 from hil.records.capture import read_capture
 from hil.records.rates import rates_layout, sensor_figures
@@ -21,6 +19,8 @@ from hil.records.summary import lost_samples
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.sensor import write_report
 from hil.report.sensor.material import SensorMaterial
+from hil.sensors.record import judge
+from hil.sensors.stim300 import RATE_RAD_S, Stim300
 from tests.records.test_report import checked
 
 pytestmark = pytest.mark.slow  # whole pages

@@ -17,8 +17,8 @@ samples, 2000 a second. Its step is learned from the stream, which is right for 
 import math
 import zlib
 
-from hil.boards.adapter import Sample
 from hil.records.layout import Column
+from hil.sensors.adapter import Sample
 
 IDENTIFIER = 0x90
 SIZE = 18
@@ -50,7 +50,7 @@ def checksum(body: bytes) -> int:
 
 
 class Stim300:
-    """Decoder of the stream; see `hil.boards.adapter.Adapter`.
+    """Decoder of the stream; see `hil.sensors.adapter.Adapter`.
 
     After a datagram the next one is expected at once; where its checksum is wrong that is counted, and the identifier
     is looked for byte by byte until a checksum fits again.

@@ -8,7 +8,7 @@ has passed between two batches than the samples in the second account for. So a 
 from collections import Counter
 from itertools import pairwise
 
-from hil.boards.adapter import Sample
+from hil.sensors.adapter import Sample
 
 LEARN_SAMPLES, LEARN_S = 32, 0.5
 """Datagrams, and their time, from which step and rate are learned."""
