@@ -1,8 +1,8 @@
 """Every number in tracing that someone has set: its value, its unit and why it is that.
 
 What follows from mathematics (quantiles, what a Hann window does) or from a declaration is no threshold and stands
-where it is used.  The page docs/reference/thresholds.md is made of these declarations; what changes at half and at
-double of each stands in docs/results/thresholds.md.
+where it is used.  The page docs/reference/thresholds.md is made of these
+declarations.
 """
 
 from collections.abc import Iterator
@@ -152,11 +152,6 @@ class Width:
 class Choice:
     """The choice of effects for two axes."""
 
-    most: int = _set(3, "effects", "With more the model is a patchwork, and none of them is the cause.")
-    compared: int = _set(25_000, "samples", "Candidates are compared on so many first: more costs minutes.")
-    worth_more: float = _set(4.0, "× as many", "So long a record tells twice as sharply; less costs, and tells little.")
-    worth_telling: float = _set(2.0, "× as many", "Where some are not told apart: it tells 1.4 times as sharply.")
-    confirmed: int = _set(150_000, "samples", "On so many, those that the first do not tell apart, and who else shows.")
     screened: int = _set(20_000, "samples", "Those that the scan expects least of are compared on so many first.")
     glanced: int = _set(
         5_000, "samples", "On the first of those, what has nothing to do with it is far behind already."
@@ -165,10 +160,7 @@ class Choice:
     borne_out: float = _set(
         0.25, "of its share of the gain", "Flicker and missing codes lose there; a cause that is not linear gains less."
     )
-    ways: int = _set(2, "other ways", "Each costs as much as the choice itself, behind its first round.")
-    as_near: float = _set(0.9, "of the first gain", "Who stands in for one of two at once gains about as much.")
     rivals: int = _set(30, "candidates", "Among so many one that later ones may have made superfluous was chosen.")
-    shadowed: float = _set(0.9, "likeness to what was taken", "From there on nothing is said to be left for it.")
 
 
 @dataclass(frozen=True)
@@ -182,7 +174,6 @@ class ParameterSearch:
     worth_beginning: float = _set(0.5, "of the record", "A longer beginning saves nothing.")
     first_share: float = _set(0.1, "of the parameter", "First step of a threshold, a corner or a damping ratio.")
     first_turn: float = _set(0.5, "rad over the record", "First step of a frequency: within the lobe of its line.")
-    explains: float = _set(4.0, "× the predicted power", "A model that leaves more is none, wherever they are.")
     near: float = _set(0.2, "standard deviations", "A top that is nearer moves no interval.")
     fine: float = _set(3.0, "standard deviations", "Over such a step the likelihood is a parabola.")
     hope: float = _set(4.0, "× the gain so far", "So much may the other parameters still add.")
@@ -232,14 +223,6 @@ class Promises:
     polarity: float = _set(
         2.0, "× the declared gain, or its inverse", "A channel the other way round has its gain, but for some percent."
     )
-
-
-@dataclass(frozen=True)
-class Certainty:
-    """When a filter's estimates, and how sure it is of them, are those of the likelihood."""
-
-    off: float = _set(0.25, "standard deviations", "An interval that is off by so little still holds 94 of 95 %.")
-    surer: float = _set(1.1, "× as sure", "An interval that is a tenth too narrow still holds 92 of 95 %.")
 
 
 @dataclass(frozen=True)
@@ -306,31 +289,6 @@ class Scoring:
     read: int = _set(
         100_000, "samples", "The angle is read once for each possibility, and a free run is long: more costs minutes."
     )
-
-
-@dataclass(frozen=True)
-class Separation:
-    """The experiments that would tell two effects apart, as they are played through."""
-
-    cycles: int = _set(400, "cycles", "Signatures change no more when they are played longer.")
-    firm: float = _set(0.1, "of ω0", "Gain of the holds of amplitude and quadrature: settled within tens of cycles.")
-    virtual: float = _set(2e-3, "of ω0", "The pattern turns more than once in the experiment.")
-    turned: float = _set(1e-3, "of ω0", "Largest rate: what a common rate table makes of a common gyro.")
-    step: float = _set(0.02, "of the target stiffness", "Seen by the observer, and far from a neighbouring mode.")
-    dither: float = _set(3e-3, "of k A", "Adds a third of the drive that a Q of 100 asks for.")
-    swing: float = _set(0.3, "of the amplitude", "A cubic law changes by 2 × that, and the drive's range allows it.")
-    modulation: float = _set(200.0, "rad of the vibration, to one of the modulation", "The hold follows it.")
-    turning: float = _set(150.0, "rad of the vibration, to one of the rate", "No faster: the hold follows.")
-    periods: float = _set(3.0, "periods of the rate in a record", "A hand does it, and the rate changes.")
-    samples: int = _set(40_000, "samples", "Of a turn as long as the record, as many are played: a second's work.")
-    stepping: float = _set(120.0, "rad of the vibration, to one of the steps", "No multiple of the other two.")
-    dearer: float = _set(2.0, "× the time", "So much sooner must several at once tell, or who turns the gyro by hand.")
-    settled: float = _set(0.5, "of an experiment", "What only the observer's start tells hangs on its linearisation.")
-    sure: float = _set(1.645, "standard deviations", "An experiment so long tells two effects apart 95 times in 100.")
-    longest: float = _set(100.0, "× the record", "An hour, for a record of half a minute; nobody waits longer.")
-    force_quantum: float = _set(1e-6, "of k A", "Rounding is not what the experiment is about.")
-    force_limit: float = _set(10.0, "of k A", "Nor is the drive's limit.")
-    sense_quantum: float = _set(0.1, "of the noise", "Nor the converter's.")
 
 
 @dataclass(frozen=True)
@@ -451,14 +409,12 @@ class Thresholds:
     choice: Choice = field(default_factory=Choice)
     parameters: ParameterSearch = field(default_factory=ParameterSearch)
     promises: Promises = field(default_factory=Promises)
-    certainty: Certainty = field(default_factory=Certainty)
     judgement: Judgement = field(default_factory=Judgement)
     nameless: NamelessForce = field(default_factory=NamelessForce)
     prior: Prior = field(default_factory=Prior)
     free_runs: FreeRuns = field(default_factory=FreeRuns)
     pools: Pools = field(default_factory=Pools)
     scoring: Scoring = field(default_factory=Scoring)
-    separation: Separation = field(default_factory=Separation)
     symmetries: Symmetries = field(default_factory=Symmetries)
     residual: ResidualLook = field(default_factory=ResidualLook)
     floor: Floor = field(default_factory=Floor)

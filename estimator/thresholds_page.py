@@ -5,11 +5,11 @@ from dataclasses import fields
 from estimator.thresholds import THRESHOLDS, Threshold, each
 
 _INTRODUCTION = """\
-# Thresholds of tracing
+# Thresholds of tracing a single axis
 
 Every number that someone has set, with its reason. They are the same for all records and no option changes them; a
-`diagnosis.json` keeps those it was made with under `thresholds`. What changes when one of them is halved or doubled
-stands in [what the thresholds do](../results/thresholds.md). Generated: `python -m estimator.thresholds_page`.
+`diagnosis.json` keeps those it was made with under `thresholds`. Those of two axes are [checks](trace.md#checks).
+Generated: `python -m estimator.thresholds_page`.
 """
 
 

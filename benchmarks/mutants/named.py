@@ -48,11 +48,6 @@ NAMED = (
         "estimator.trace.certainty", "widening(model) ** 2 * covariance", "covariance", _CERTAINTY,
     ),
     Named(
-        "the gain of the part held out includes the fitted part",
-        "estimator.trace.claims", "innovation[split:], one.estimates.innovation_deviation[split:]",
-        "innovation, one.estimates.innovation_deviation", _CERTAINTY,
-    ),
-    Named(
         "what is scored as held out includes the fitted part",
         "estimator.trace.examination", "slice(split, len(record) // every * every)",
         "slice(settled, len(record) // every * every)", _CERTAINTY,

@@ -4,8 +4,6 @@ A long record shows the smallest of imperfections: what counts is not whether th
 noise, but whether what stands above it is of a size that matters.
 """
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from scipy.special import ndtri
 
@@ -17,20 +15,7 @@ from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitting import Fitted
 
-if TYPE_CHECKING:
-    from estimator.trace.selection import Selection
-
 _SET = THRESHOLDS.judgement
-
-
-def leftover(selection: "Selection", record: Record, resonance_hz: float) -> tuple[str, ...]:
-    """Reasons, in words, why the residual of the fitted part is not explained; none when it is."""
-    if not np.isfinite(selection.after.likelihood):
-        return ("the observer does not converge on this record",)
-    most = THRESHOLDS.choice.most
-    patchwork = f"it takes more than {most} effects to bring the residual down: they are not its cause"
-    is_patchwork = selection.patchwork and len(selection.gain) >= most  # fewer may do, and are asked by themselves
-    return (*((patchwork,) if is_patchwork else ()), *unexplained(selection.after, record, resonance_hz))
 
 
 def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str, ...]:

@@ -12,7 +12,6 @@ from estimator.errors import ModelError
 from estimator.missing_force.result import MissingForce
 from estimator.scaling import Array
 from estimator.side_by_side import interruptible, one_blas_thread, workers
-from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
@@ -32,7 +31,7 @@ from hil.records.force import to_model as force_model
 from hil.replaying.replay import require_fit
 from hil.tracing.also import effects_asked, not_tried
 from hil.tracing.envelope import trace_ring_down
-from hil.tracing.parts import FRACTION, Part, moving, parts_of, sample_of
+from hil.tracing.parts import Part, moving, parts_of, sample_of
 from hil.tracing.rate_sensor import fitting_rows, sensor_remarks, trace_rate_sensor
 from hil.tracing.time_left import TimeLeft
 
@@ -125,7 +124,7 @@ def trace(
     try:
         _require_unclipped(captured)
         require_traceable(record, device, split)
-        left = TimeLeft(FRACTION * len(record) / min(split, THRESHOLDS.choice.compared))
+        left = TimeLeft()
         problem = Problem(record, device, settings, control_of(bench, captured), asked)
 
         def told(stage: str, done: int, total: int) -> None:

@@ -13,7 +13,6 @@ from estimator.settings import ObserverSettings
 from estimator.trace import angle, claims, examination, fitting, observer_model
 from estimator.trace.angle import AngleReader
 from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval_of
-from estimator.trace.constancy import Constancy
 from estimator.trace.fitting import widening
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING, Searched
@@ -179,39 +178,6 @@ def series(before: float, after: float):
     """An innovation of ± that size, first before the split, then after it."""
     signs = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
     return np.where(np.arange(N)[:, None] < SPLIT, before, after) * signs
-
-
-def test_the_gain_of_a_claim_is_that_of_the_part_held_out(monkeypatch):
-    """Of a model that fits its own part better by far and the rest worse, Σ(ν₀² − ν₁²) of the rest alone."""
-    for name in ("constants_of", "_rate", "_levels", "_votes", "contest", "_departures"):
-        monkeypatch.setattr(claims, name, lambda *args: ())
-    fit = claims.Fit((1.0, 1.0), (1.0, 1.0), 1.0, 0.5)
-    was, now = (
-        SimpleNamespace(
-            held_out=fit,
-            innovations=None,
-            estimates=SimpleNamespace(innovation=innovation, innovation_deviation=np.ones((N, 2))),
-        )
-        for innovation in (series(3.0, 1.0), series(1.0, 1.1))
-    )
-    selection = SimpleNamespace(coefficients={"drive_gain": {}, "drag": {}}, after=None, effects={"drag": {}})
-    claim = claims.claim_of(problem(), selection, was, now, SPLIT)
-    assert claim.residual.gain == pytest.approx(2 * (N - SPLIT) * (1.0 - 1.21))
-    assert not claim.residual.fell
-    assert claim.residual.samples == 2 * (N - SPLIT)
-    assert set(claim.effects) == {"drag"}  # the drive gain was known
-
-
-def test_a_departure_is_in_the_coefficients_own_size(monkeypatch):
-    """What gains 9 of 900 beyond chance departs by a tenth; none by more than all of it, what chance makes by none."""
-    found = {"drag": Constancy(40.0, 31), "drive_gain": Constancy(500.0, 31), "sense_gain": Constancy(20.0, 31)}
-    monkeypatch.setattr(claims, "constancies", lambda *args: found)
-    selection = SimpleNamespace(after=None, gain={"drag": 900.0, "drive_gain": 50.0, "sense_gain": 70.0})
-    departures = claims._departures(problem(), selection, list(found))
-    assert {name: one.size for name, one in departures.items()} == pytest.approx(
-        {"drag": 0.1, "drive_gain": 1.0, "sense_gain": 0.0}
-    )
-    assert departures["drag"].chance == found["drag"].chance
 
 
 def test_the_residual_is_in_multiples_of_the_lower_floor():

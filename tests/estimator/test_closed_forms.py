@@ -13,7 +13,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from estimator.diagnosis import Fit, Verdict
+from estimator.diagnosis import Verdict
 from estimator.errors import DivergedError
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
@@ -22,7 +22,6 @@ from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.thresholds_page import page
-from estimator.trace import claims as claims_of_two_axes
 from estimator.trace import determined, examination, fitness, fitting, nameless, parameters, promises
 from estimator.trace.evidence import likeness
 from estimator.trace.free_run import verdict_of
@@ -31,7 +30,6 @@ from estimator.trace.parameters import Hill
 from estimator.trace.probability import NOTHING, OTHER, Account, classes, stated
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
-from estimator.trace.rivals import dispersion
 
 RATE, HZ = 4000.0, 200.0
 OMEGA = 2.0 * math.pi * HZ
@@ -128,15 +126,6 @@ def test_an_observer_one_of_whose_states_diverged_predicts_nothing(monkeypatch: 
     assert fitting.foresight(ring(90), 50) == -np.inf
 
 
-def test_dispersion_is_of_innovations_in_their_own_deviations() -> None:
-    random = np.random.default_rng(4)
-    colour = lfilter([1.0], [1.0, -0.8], random.standard_normal((2, 6400, 2)), axis=1)
-    one, two = colour[0], colour[0] + 0.1 * colour[1]
-    usual = dispersion(of(one, 1.0), of(two, 1.0))
-    assert usual > 3.0
-    assert dispersion(of(7.0 * one, 7.0), of(7.0 * two, 7.0)) == pytest.approx(usual)
-
-
 def test_a_signature_of_nothing_is_like_none() -> None:
     scan: Any = SimpleNamespace(
         columns={"drag": slice(0, 1), "sense_gain": slice(1, 2)},
@@ -208,22 +197,6 @@ def test_a_part_of_the_estimates_has_the_states_of_its_own_samples() -> None:
     assert part.index.tolist() == [4, 9, 14, 19]
     assert part.state[:, 0].tolist() == [2, 3, 4, 5]
     assert part.innovation.tolist() == list(range(10, 30))
-
-
-def test_what_is_to_be_expected_of_a_rate_is_of_the_part_held_out_from_its_first_sample_on() -> None:
-    n, split = 100, 60
-    sure = np.zeros((n, 2))
-    sure[split, 1], sure[split - 1, 1] = 3.0, 99.0
-    still = {"rate": np.zeros(n)}
-    estimates = SimpleNamespace(
-        names=("x", "rate"), index=np.arange(n), deviation=sure, angle_deviation=np.zeros(n), of=still.get
-    )
-    seen: Any = SimpleNamespace(
-        estimates=estimates, held_out=Fit((1.0,), (1.0,), 1.0, 0.5, angle_error_rms=0.1, rate_error_rms=0.01)
-    )
-    problem = ring(n, rate=np.zeros(n))
-    vote = claims_of_two_axes._votes(problem, seen, seen, split)[0]
-    assert vote.errors.floor == pytest.approx(np.sqrt(9.0 / 40.0))
 
 
 def test_something_stood_there_whatever_the_unit() -> None:

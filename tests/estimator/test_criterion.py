@@ -1,4 +1,4 @@
-"""What a gain is held against, in closed form (docs/decisions/tracing.md)."""
+"""What a gain is held against, in closed form."""
 
 import math
 

@@ -11,7 +11,7 @@ from estimator.residual.effective import autocorrelation, effective_samples
 from estimator.residual.floor import floor_deviation, quiet_bins
 from estimator.residual.spectrum import periodogram
 from estimator.trace import judgement
-from estimator.trace.judgement import leftover, power_over_prediction, predictable_share, steadied, unexplained
+from estimator.trace.judgement import power_over_prediction, predictable_share, steadied, unexplained
 
 N, RATE, RESONANCE = 60_000, 4000.0, 200.0
 CYCLE = 20
@@ -204,18 +204,6 @@ def test_around_a_jump_of_the_rate_innovations_are_brought_down_to_three_times_t
 def test_how_much_can_be_predicted_is_told_as_a_share(monkeypatch, share, says):
     monkeypatch.setattr(judgement, "predictable_share", lambda series, lags: share)
     assert said(white())[0] == f"{says} of the innovation can be predicted from those before"
-
-
-@pytest.mark.moderate
-def test_more_effects_than_may_be_are_no_explanation_and_no_more_is_one_that_diverged():
-    three = dict.fromkeys("abc", 9.0)
-    selection = SimpleNamespace(after=model(white()), patchwork=True, gain=three)
-    assert [reason for reason in leftover(selection, RECORD, RESONANCE) if "more than 3 effects" in reason]
-    for gain, patchwork in ((three, False), ({"a": 9.0, "b": 9.0}, True)):  # two that do without the third are two
-        enough = SimpleNamespace(after=model(white()), patchwork=patchwork, gain=gain)
-        assert leftover(enough, RECORD, RESONANCE) == ()
-    diverged = SimpleNamespace(after=model(white(), likelihood=-np.inf), patchwork=False, gain={})
-    assert leftover(diverged, RECORD, RESONANCE) == ("the observer does not converge on this record",)
 
 
 def test_an_autocorrelation_is_about_the_mean_and_does_not_turn_round() -> None:

@@ -1,4 +1,4 @@
-"""What is seen with a model: how it is scanned, what is serious, what bounds the rest (docs/decisions/tracing.md)."""
+"""What is seen with a model: how it is scanned, what is serious, what bounds the rest."""
 
 from dataclasses import replace
 from types import SimpleNamespace

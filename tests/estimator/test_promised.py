@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from estimator.diagnosis import Fit, Verdict
-from estimator.observer import Observer
 from estimator.record import Record
-from estimator.settings import Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.settings import ObserverSettings
 from estimator.trace import claims, free_run
 from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
 from estimator.trace.problem import Problem
@@ -74,25 +73,6 @@ FAR = replace(UNSURE, value=103.4, low=79.0, high=127.7)
 # -- the claim of two axes -------------------------------------------------------------------------------------------
 
 
-def test_constants_stand_beside_what_the_bench_declares() -> None:
-    settings = ObserverSettings(spread=Spread(stiffness=0.01, damping=0.6, offset=0.05), gain=Gain.STATIONARY)
-    model = Observer(DEVICE, replace(settings, gain=Gain.EKF, initial={"kxx": 1.7e6, "dyy": -0.4}))
-    model.arrays.p[:] = np.diag(np.diag(model.arrays.p) * 1e-4)
-    model.arrays.c[:] = model.arrays.p
-    still = SimpleNamespace(innovation=2e-4 * np.ones((9, 2)), innovation_deviation=1e-4 * np.ones((9, 2)))
-    fitted = SimpleNamespace(observer=model, estimates=still)
-    found = {one.name: one for one in claims.constants_of(Problem(RECORD, DEVICE, settings), fitted)}
-    assert set(found) == {"kxx", "kyy", "kxy", "dxx", "dyy", "dxy", "phi_x", "phi_y"}
-    assert found["kxx"].declared == pytest.approx(1.6e6)
-    assert found["kxx"].deviation == pytest.approx(0.01 * 1.61e6)
-    assert found["kxx"].value == pytest.approx(1.7e6)
-    # Innovations twice as large as predicted: twice the deviation.
-    assert found["kxx"].high - found["kxx"].value == pytest.approx(1.96 * 2.0 * 0.01 * 0.01 * 1.61e6, rel=1e-3)
-    assert found["dyy"].deviation == pytest.approx(0.6 * 1.1)
-    assert found["phi_x"].deviation == pytest.approx(0.05)
-    assert {name for name, one in found.items() if one.positive} == {"kxx", "kyy", "dxx", "dyy"}
-
-
 def test_the_floor_is_the_lower_of_the_two() -> None:
     """A model that raises the whole spectrum of one axis does not raise its own measure."""
     before, after = Fit((1.0, 2.0), (1.0, 1.0), 1.6, 0.0), Fit((4.0, 1.0), (4.0, 1.0), 1.0, 0.5)
@@ -115,46 +95,6 @@ def examined(rate, angle_error, rate_error, deviation=0.01, angle_deviation=0.00
     estimates = Seen(names=names, index=index, state=state, deviation=sure, angle_deviation=np.full(N, angle_deviation))
     fit = Fit((1.0, 1.0), (1.0, 1.0), 1.0, 0.5, angle_error_rms=angle_error, rate_error_rms=rate_error)
     return SimpleNamespace(estimates=estimates, held_out=fit)
-
-
-def test_a_reference_votes_on_rate_and_angle() -> None:
-    random = np.random.default_rng(2)
-    channels = {"rate": 0.1 + 0.02 * random.standard_normal(N)}
-    problem = replace(PROBLEM, record=replace(RECORD, channels=channels), settings=ObserverSettings(memory=0.01))
-    calm = np.zeros(N)
-    before, after = examined(calm, 0.041, 0.03), examined(calm + 0.04, 0.038, 0.05)
-    rate, angle = claims._votes(problem, before, after, SPLIT)
-    assert (rate.errors.before, rate.errors.after) == (0.03, 0.05)
-    assert rate.errors.floor == pytest.approx(np.hypot(0.01, 0.02), rel=0.1)  # its own, and the reference's noise
-    assert rate.errors.samples == pytest.approx(400 / 4000.0 / 0.01)
-    assert rate.moved == pytest.approx(0.04)
-    assert not rate.errors.at_floor
-    assert (angle.errors.before, angle.errors.after, angle.errors.samples) == (0.041, 0.038, 1.0)
-    assert angle.errors.floor == pytest.approx(np.hypot(0.002, 0.02 / 4000.0 * 20.0), rel=0.1)
-    assert claims._votes(PROBLEM, before, after, SPLIT) == ()
-
-
-def test_a_rate_may_wander_as_far_as_is_declared() -> None:
-    settings = ObserverSettings(spread=Spread(rate=0.3), process_noise=ProcessNoise(rate=0.8))
-    rate = np.zeros(N)
-    rate[100], rate[700] = 9.0, -5.0  # only the part held out counts
-    (found,) = claims._rate(replace(PROBLEM, settings=settings), examined(rate, 0.0, 0.0), SPLIT)
-    assert (found.name, found.value, found.declared) == ("rate", -5.0, 0.0)
-    assert found.deviation == pytest.approx(np.hypot(0.3, 0.8 * np.sqrt(N / 4000.0)))
-    assert found.high == pytest.approx(-5.0 + 1.96 * 0.01, abs=1e-4)
-
-
-@pytest.mark.parametrize(("share", "said"), [(Estimate(1.0, 0.9, 1.1), 1), (Estimate(0.5, 0.4, 0.6), 0)])
-def test_a_level_is_in_volts_where_all_beyond_is_lost(share: Estimate, said: int) -> None:
-    sense = np.zeros((N, 2))
-    sense[10], sense[900] = 5.0, (0.08, -0.09)
-    effects = {"sense_clipping": {"clx": share}}
-    selection = SimpleNamespace(effects={"sense_clipping": {"level": 1e-4}})
-    found = claims._levels(replace(PROBLEM, record=replace(RECORD, sense=sense)), selection, effects, SPLIT)
-    assert len(found) == said
-    for level in found:
-        assert (level.low, level.high) == (pytest.approx(-0.089), pytest.approx(0.089))
-        assert (level.lowest, level.highest, level.noise) == (0.0, 0.08, 1e-4)
 
 
 # -- free runs -------------------------------------------------------------------------------------------------------
