@@ -11,6 +11,7 @@ from scipy.stats import chi2
 
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import Evaluation, Likelihood
+from estimator.identification.reference import Departure
 from estimator.identification.search import FORBIDDEN
 from estimator.scaling import Array
 
@@ -43,7 +44,7 @@ class Evidence:
     model: fitted; without: the same with each of its effects left out, fitted anew; held_out, held_out_without: passes
     of these over the part held out; floor_ratio: innovation over the noise floor there, as the bench's own observer has
     it with this model; quiet, disturbed: passes over the fitted part with the random force that is declared, and with
-    the one that the record asks for.
+    the one that the record asks for; references: errors against a rate reference, where there is one.
     """
 
     of: Likelihood
@@ -54,6 +55,7 @@ class Evidence:
     floor_ratio: float
     quiet: Evaluation
     disturbed: Evaluation
+    references: tuple[Departure, ...] = ()
 
 
 def held_out(seen: Evidence) -> list[Check]:
@@ -159,7 +161,27 @@ def disturbance(seen: Evidence) -> list[Check]:
     ]  # fmt: skip
 
 
-CHECKS: tuple[Callable[[Evidence], list[Check]], ...] = (held_out, sign, prior, constancy, floor, disturbance)
+def reference(seen: Evidence) -> list[Check]:
+    """Effects leave rate and angle no farther from a reference in the record than they were, or than is expected."""
+    return [
+        Check(
+            "reference", one.after <= one.allowed,
+            f"on the part held out the error of the {one.what} against the reference was {one.before:.3g} {one.unit} "
+            f"and is {one.after:.3g}",
+        )
+        for one in seen.references
+    ]  # fmt: skip
+
+
+CHECKS: tuple[Callable[[Evidence], list[Check]], ...] = (
+    held_out,
+    sign,
+    prior,
+    constancy,
+    floor,
+    disturbance,
+    reference,
+)
 
 
 def deviations(fitted: FittedModel) -> Array:

@@ -15,6 +15,7 @@ from estimator.identification.fit import FittedModel, at, finished, fit, maximis
 from estimator.identification.free_run import FreeRun
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.named import constants_of, effects_of
+from estimator.identification.reference import departures
 from estimator.identification.result import Judged, diagnosis
 from estimator.identification.search import without_effect
 from estimator.side_by_side import side_by_side
@@ -40,38 +41,39 @@ def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, do
     progress("checks", 0, 1)
     if before is None or isinstance(whole, FreeRun):
         before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
-    judged = judge(whole, chosen, before, split)
+    judged = judge(problem, whole, chosen, before, split)
     progress("checks", 1, 1)
     return diagnosis(problem, split, chosen, judged, before, progress)
 
 
-def judge(whole: Likelihood, chosen: Chosen, before: Examination, split: int) -> Judged:
+def judge(problem: Problem, whole: Likelihood, chosen: Chosen, before: Examination, split: int) -> Judged:
     """The chosen model and what the checks say of it, less effects that a check rejects where the others then stand.
 
     Where they do not, the model as it was chosen is the best candidate.
     """
-    later = whole.part(slice(split, min(whole.samples, split + REFINED)))
-    first = now = _judged(whole, later, chosen, chosen.after, before, split)
+    first = now = _judged(problem, whole, chosen, chosen.after, before, split)
     failed: dict[str, str] = {}
     while len(now.named) > 1 and (rejected := {c.effect: c.sentence for c in now.checks if c.effect and not c.passed}):
         without, model = now.evidence.without, now.evidence.model
         name = min(rejected, key=lambda effect: model.gain_over(without[effect]))
         failed[name] = rejected[name]
         less = finished(chosen.of, settle(chosen.of, without[name]))
-        now = replace(_judged(whole, later, chosen, less, before, split), failed=dict(failed))
+        now = replace(_judged(problem, whole, chosen, less, before, split), failed=dict(failed))
     return first if any(check.effect and not check.passed for check in now.checks) else now
 
 
 def _judged(
-    whole: Likelihood, later: Likelihood, chosen: Chosen, model: FittedModel, before: Examination, split: int
+    problem: Problem, whole: Likelihood, chosen: Chosen, model: FittedModel, before: Examination, split: int
 ) -> Judged:
-    after = before
+    later, after = whole.part(slice(split, min(whole.samples, split + REFINED))), before
     if model.model.effects != chosen.before.model.effects:
         try:
             after = whole.examined(constants_of(model), effects_of(model), split)
         except DivergedError:
             model = chosen.before
     evidence = evidence_of(chosen.of, later, model, after)
+    if problem.device.axes == 2 and after is not before:
+        evidence = replace(evidence, references=tuple(departures(problem, before, after, split)))
     return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, {})
 
 

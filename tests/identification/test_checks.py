@@ -17,10 +17,12 @@ from estimator.identification.checks import (
     floor,
     held_out,
     prior,
+    reference,
     sign,
 )
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import BLOCKS, Evaluation, Model, Noise
+from estimator.identification.reference import Departure
 from tests.identification.linear import Linear, Parameters, effect
 from tests.identification.plain import Array
 
@@ -184,7 +186,15 @@ def test_deviations_are_those_of_the_posterior_and_wider_where_the_scores_scatte
     assert covariance(wide) == pytest.approx(scatter * inverse)
 
 
+@pytest.mark.parametrize("passed", [True, False])
+def test_a_reference_is_held_against_what_is_allowed(passed: bool) -> None:
+    off = Departure("angle", "rad", 0.5, 0.2, 0.2 if passed else 0.19)
+    check = only(reference(replace(evidence(SURE), references=(off,))))
+    assert (check.name, check.passed, check.effect) == ("reference", passed, "")
+    assert "the error of the angle against the reference was 0.5 rad and is 0.2" in check.sentence
+
+
 def test_every_check_is_listed_and_says_what_it_is() -> None:
-    assert (held_out, sign, prior, constancy, floor, disturbance) == CHECKS
+    assert (held_out, sign, prior, constancy, floor, disturbance, reference) == CHECKS
     names = [check.name for checker in CHECKS for check in checker(evidence(SURE))]
     assert list(dict.fromkeys(names)) == ["held out", "sign", "prior", "constancy", "noise floor", "disturbance"]
