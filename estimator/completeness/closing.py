@@ -9,31 +9,34 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.completeness.answer import Completeness, Lacking, Outcome
+from estimator.completeness.constants import constants_of, off
 from estimator.completeness.information import Coefficient, Information
-from estimator.completeness.lacking import HARMLESS, Taken, leading, tries
+from estimator.completeness.lacking import HARMLESS, Taken, leading, taken_together
+from estimator.completeness.scores import Scores, scores_of
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
+from estimator.completeness.stretched import Stretched, beside, first_of, fitted, likelihood_of
 from estimator.completeness.turning import Turning
 from estimator.completeness.words import Nearest, in_words
-from estimator.effects.catalogue import effect_for
 from estimator.effects.search import Search
 from estimator.errors import ModelError
-from estimator.record import Record
+from estimator.identification.fit import FittedModel, at, maximise
+from estimator.identification.likelihood import is_searched
+from estimator.identification.score_test import Score
+from estimator.identification.search import WORTH
+from estimator.identification.search import margin as margin_of
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import Parameters, kind, searched_by, watch_list
-from estimator.trace.criterion import threshold
-from estimator.trace.evidence import evidence
-from estimator.trace.fitting import Fitted, coefficients_of, fit
-from estimator.trace.judgement import unexplained
-from estimator.trace.look import fresh, scanned_with
-from estimator.trace.problem import Problem
-from estimator.trace.scan import COURSE, PARTS, Scan, scan
+from estimator.trace.candidates import kind, searched_by
+from estimator.trace.judgement import left_in
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.scan import COURSE, PARTS, scan
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
 _BESIDE = 0.1  # of the resonance
-_ROUNDS = 3  # effects that are there and harmless are carried, and the record is looked at again
-# Of what is watched with several parameters: near enough to the others to be seen by, and named.
+_ROUNDS = 3  # effects that are there and harmless are included in the model, and the record is tested again
+# Of what is tested with several parameters: near enough to the others to be seen by, and named.
 _LABELS = {
     Search.LIMITS: ("2", "4", "6"),
     Search.BANDS: ("2", "4"),
@@ -122,101 +125,112 @@ def _scanned(
     progress: Progress,
 ) -> Completeness:
     """`run` has the settings of the run's observer."""
-    device, settings = run.device, run.settings
-    records = weighed_of(stretches)
-    first = records[0]
-    progress("scan", 0, 2 + _ROUNDS)
-    problem = run.on(first)
-    base = fit(problem)
-    if not np.isfinite(base.likelihood):
+    device, rounds = run.device, 2 + _ROUNDS
+    progress("scan", 0, rounds)
+    of = likelihood_of(run, weighed_of(stretches))
+    base = fitted(of, of.effects, limits.innovation_ratio)
+    if not base.evaluation.sound:
         return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
-    watched = watched_of(first, device, base)
-    progress("scan", 1, 2 + _ROUNDS)
-    turning = turning_of(stretches, device, settings, run.controller, watched, scored_s)
-    known = dict(watched)
-    ratio: float | None = None
+    tested = tested_of(of, base)
+    constants = constants_of(declared, tested, device)
+    if constants:
+        of = replace(of, known=declared)
+        base = beside(of, base, constants)
+    effects = {name: given for name, given in tested.items() if name not in constants}
+    margin = margin_of(len({kind(name) for name in tested}))
+    progress("scan", 1, rounds)
+    seen, turning = together(
+        lambda: scores_of(of, base, effects, constants),
+        lambda: turning_of(stretches, device, run.settings, run.controller, tested, scored_s),
+    )
+    ratio = seen.ratio
     lacks: tuple[Lacking, ...] = ()
     nearest: Nearest | None = None
     harmless: list[Taken] = []
     for done in range(_ROUNDS):
-        progress("scan", 2 + done, 2 + _ROUNDS)
-        carried = scanned_with(base, device, settings)
-        seen = together([scan(problem.on(record).under(carried), watched, base.observer) for record in records])
-        ratio = seen.ratio if ratio is None else ratio
-        found = evidence(seen)
-        serious = [
-            item
-            for item in found.values()
-            if item.significance > threshold(len(found) * tries(watched[item.name], len(first)))
-            and not _is_of_the_rate(watched[item.name], item.gain, device, seen)
-        ]
-        taken = (
-            leading(problem, base, watched, seen, serious, turning, limits.innovation_ratio, declared)
-            if serious
-            else None
-        )
-        if taken is None:
+        progress("scan", 2 + done, rounds)
+        serious = serious_of(of, seen, effects, margin)
+        found = leading(of, base, seen, serious, turning, limits.innovation_ratio, margin) if serious else None
+        if isinstance(found, Nearest):
+            nearest = found
+        elif found is not None and found.angle.high >= HARMLESS * limits.angle_rad:
+            lacks = found.lacking
+        if found is None or lacks or nearest:
             break
-        if isinstance(taken, Nearest):
-            nearest = taken
-            break
-        # Constants found one by one are found anew where all of them are.
-        harmless = [item for item in harmless if not item.given.keys() & taken.given.keys()]
-        if taken.angle.high >= HARMLESS * limits.angle_rad:
-            lacks = taken.lacking
-            break
-        harmless.append(taken)
-        if done == _ROUNDS - 1:
-            break
-        effects = coefficients_of(base.observer) | taken.given
-        base = fit(problem.under(base.settings).carrying(effects))
-        there = {kind(name) for name in taken.given}
-        watched = {
-            name: given
-            for name, given in watched.items()
-            if kind(name) not in there or (name not in taken.given and "omega" in given)
+        assert isinstance(found, Taken)
+        assert found.model is not None
+        harmless.append(found)
+        base = maximise(of, at(of, found.model.layout, found.model.model))
+        there = set(base.model.effects)
+        kinds = {kind(name) for name in there}
+        effects = {
+            n: given for n, given in effects.items() if n not in there and (kind(n) not in kinds or "omega" in given)
         }
-    progress("scan", 2 + _ROUNDS, 2 + _ROUNDS)
+        seen = scores_of(of, base, effects, constants)
+    progress("scan", rounds, rounds)
     for item in harmless:
         turning = turning.with_shift(item.shift, item.deviation)
+    information = information_of(seen, turning, of)
+    shown = None if lacks or nearest else off(information, constants, declared, device, margin)
+    if shown is not None:
+        all_of_them = taken_together(shown, turning, device, HARMLESS * limits.angle_rad)
+        if all_of_them.angle.high >= HARMLESS * limits.angle_rad:
+            lacks = all_of_them.lacking
+        else:
+            harmless.append(all_of_them)
     small = tuple(item for one in harmless for item in one.lacking)
-    left = () if lacks or nearest else unexplained(base, first, float(np.sqrt(device.target)) / (2.0 * np.pi))
+    left = () if lacks or nearest else left_by(base, of)
     return Completeness(
         Outcome.LACKS if lacks or nearest or left else Outcome.COMPLETE,
-        in_words(lacks, [one.lacking for one in harmless], left, len({kind(name) for name in known}), nearest),
-        lacks, small, information_of(seen, turning, device), ratio,
+        in_words(lacks, [one.lacking for one in harmless], left, len({kind(name) for name in tested}), nearest),
+        lacks, small, information, ratio,
     )  # fmt: skip
 
 
-def watched_of(record: Record, device: Device, base: Fitted) -> dict[str, Parameters]:
+def tested_of(of: Stretched, base: FittedModel) -> dict[str, Mapping[str, float]]:
     """The catalogue, as the record that `base` was fitted to suggests its parameters."""
-    everything = watch_list(record, device, base.estimates.innovation, base.estimates.innovation_deviation)
-    new = fresh(everything, base.settings.effects, float(np.sum(record.step)))
-    return {name: given for name, given in new.items() if _is_watched(*name.partition(":")[::2])}
+    everything = of.candidates(base.model, first_of(of, base.evaluation))
+    return {name: given for name, given in everything.items() if _is_tested(*name.partition(":")[::2])}
 
 
-def _is_of_the_rate(parameters: Parameters, gain: float, device: Device, seen: Scan) -> bool:
+def beside_those(tested: Effects, there: Effects) -> Effects:
+    """What is tested beside effects that are there: a line or a mode may come again at another frequency."""
+    kinds = {kind(name) for name in there}
+    return {
+        name: given
+        for name, given in tested.items()
+        if name not in there and (kind(name) not in kinds or "omega" in given)
+    }
+
+
+def serious_of(of: Stretched, seen: Scores, effects: Effects, margin: float) -> list[Score]:
+    """The best of each kind, the largest gain first, of those that may stand better by the margin once fitted, what
+    their numbers cost taken off.
+    """
+    best: dict[str, Score] = {}
+    for score in seen.table:
+        worth = score.robust - price(of, score, seen.innovation.size)
+        if worth > WORTH * margin and not _is_of_the_rate(effects[score.name], score.gain, of, seen):
+            best.setdefault(kind(score.name), score)
+    return list(best.values())
+
+
+def price(of: Stretched, score: Score, samples: int) -> float:
+    """What the numbers of an effect cost in twice the log-likelihood (Schwarz, Annals of Statistics 6, 1978)."""
+    searched = sum(is_searched(parameter, score.given) for parameter in of.effect(score.name).parameters)
+    return float((len(score.size) + searched) * np.log(samples))
+
+
+def _is_of_the_rate(parameters: Mapping[str, float], gain: float, of: Stretched, seen: Scores) -> bool:
     """Whether a line is what a rate leaves that moves otherwise than by a random walk: weak, beside the resonance."""
-    beside = abs(parameters.get("omega", 0.0) / float(np.sqrt(device.target)) - 1.0) < _BESIDE
+    beside = abs(parameters.get("omega", 0.0) / float(np.sqrt(of.problem.device.target)) - 1.0) < _BESIDE
     return beside and gain < THRESHOLDS.judgement.rate_power * seen.innovation.size
 
 
-def _is_watched(kind: str, label: str) -> bool:
+def _is_tested(kind: str, label: str) -> bool:
     search = searched_by(kind)
     labels = None if search is None else _LABELS.get(search)
     return labels is None or label in labels
-
-
-def together(scans: Sequence[Scan]) -> Scan:
-    """One scan of several stretches."""
-    return replace(
-        scans[-1],
-        normal=np.concatenate([one.normal for one in scans]),
-        score=np.concatenate([one.score for one in scans]),
-        innovation=np.concatenate([one.innovation for one in scans]),
-        deviation=np.concatenate([one.deviation for one in scans]),
-        course=np.concatenate([one.course for one in scans]),
-    )
 
 
 def turning_of(
@@ -224,16 +238,16 @@ def turning_of(
     device: Device,
     settings: ObserverSettings,
     controller: ControllerSettings | None,
-    watched: dict[str, Parameters],
+    tested: Effects,
     scored_s: tuple[float, float],
 ) -> Turning:
-    """The angle's sensitivity to every watched coefficient, as the run's own observer has it."""
+    """The angle's sensitivity to every tested coefficient, as the run's own observer has it."""
     if settings.gain is Gain.STATIONARY:  # its table would have to be made anew; it was made from such a filter
         settings = replace(settings, gain=Gain.FADING)
     times, courses = [], []
     # One that ends before the scored window says nothing of the angle in it, and turns while the observer settles.
     for stretch in [one for one in stretches[:-1] if one.end_s > scored_s[0]] + [stretches[-1]]:
-        seen = scan(Problem(stretch.record, device, settings, controller), watched, weighed=False)
+        seen = scan(Problem(stretch.record, device, settings, controller), tested, weighed=False)
         elapsed = np.cumsum(stretch.record.step)
         edges = np.linspace(0, len(elapsed), PARTS + 1).astype(int)
         steps = np.arange(1, COURSE + 1) / COURSE
@@ -246,21 +260,27 @@ def turning_of(
     return Turning(dict(seen.columns), time, sensitivity, np.zeros(len(time)), np.zeros(len(time)))
 
 
-def information_of(seen: Scan, turning: Turning, device: Device) -> Information:
-    """Normal equations of the scan beside the sensitivity of the angle, for what the scan watched."""
+def information_of(seen: Scores, turning: Turning, of: Stretched) -> Information:
+    """Normal equations of the scan beside the sensitivity of the angle, for what the scan tested."""
     coefficients: list[Coefficient] = []
     places: list[int] = []
     for name, columns in seen.columns.items():
-        _, effect = effect_for(name, device.axes, device.own)
         places += range(turning.columns[name].start, turning.columns[name].stop)
-        for c, plausible in zip(effect.coefficients, seen.plausible[columns], strict=True):
+        for c, plausible in zip(of.effect(name).coefficients, seen.plausible[columns], strict=True):
             coefficients.append(Coefficient(name, c.name.partition(":")[0], c.unit, float(plausible)))
     return Information(
-        tuple(coefficients),
-        seen.normal.sum(axis=0),
-        seen.score.sum(axis=0),
-        turning.time,
-        np.asarray(turning.sensitivity.T[places]).T,
-        max(seen.ratio, 1.0),
-        np.hypot(turning.shift, turning.deviation),
-    )
+        tuple(coefficients), seen.normal, seen.score, turning.time, np.asarray(turning.sensitivity.T[places]).T,
+        seen.widening, np.hypot(turning.shift, turning.deviation),
+    )  # fmt: skip
+
+
+def left_by(base: FittedModel, of: Stretched) -> tuple[str, ...]:
+    """What a model with the declared noise leaves in the first stretch that is larger than can be left to chance."""
+    model, declared = base.model, of.declared_noise()
+    seen = base.evaluation
+    if model.noise != declared:
+        seen = of.evaluate(base.layout, replace(model, noise=declared), derivatives=False)
+    seen = first_of(of, seen)
+    device, record = of.problem.device, of.problem.record
+    resonance_hz = float(np.sqrt(device.target)) / (2.0 * np.pi)
+    return left_in(seen.innovation, seen.deviation, device.noise, record, resonance_hz)

@@ -1,81 +1,64 @@
 """The constants that a calibration declares, all of them a little off at once, as one account of a record.
 
 A device as its bench file declares it has every gain, angle and delay off by some part of its standard uncertainty.  No
-single effect explains such a record, and the one that comes nearest need not be there at all.
+single effect explains such a record, and the one that comes nearest need not be there at all.  So the model that others
+are held against has all of them, as well known as they are declared, and they are told where the record shows them.
 """
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from estimator.completeness.information import Information, Posterior
 from estimator.effects.catalogue import effect_for
-from estimator.observer import Observer
 from estimator.scaling import Array
-from estimator.settings import Device, Gain
-from estimator.trace.fitting import coefficients_of, run, widening_of
-from estimator.trace.problem import Problem
-from estimator.trace.start import begin_moving
+from estimator.settings import Device
 
 
-class Found(NamedTuple):
-    """Constants as an observer takes them, by effect; the same (k,) with their covariance (k, k), SI."""
-
-    given: dict[str, dict[str, float]]
-    values: Array
-    covariance: Array
-
-
-@dataclass(frozen=True)
-class Constants:
-    """Effects of the catalogue all coefficients of which are declared, with the places of their coefficients among all
-    k, and the declared standard deviation (k,) of each, SI.
+class Off(NamedTuple):
+    """Constants that a record shows to be off, by effect with the places of each among the coefficients of `found`,
+    which is what the record leaves of them beside all the others; evidence: twice the log-odds against none being off.
     """
 
     places: Mapping[str, slice]
-    deviation: Array
-
-    @property
-    def effects(self) -> tuple[str, ...]:
-        """Their names."""
-        return tuple(self.places)
-
-    def after(self, problem: Problem) -> "Found":
-        """What the record leaves of the declared deviations, beside the other effects of the problem.  One pass from
-        the declared values: where the record does not tell two constants apart, what is declared of each does.  Passes
-        that begin about what was found, as a fit has them, leave that to chance.
-        """
-        device, others = (
-            problem.device,
-            {name: given for name, given in problem.effects.items() if name not in self.places},
-        )
-        carrying = problem.carrying({**others, **{name: {} for name in self.places}})
-        observer = Observer(device, replace(carrying.settings, gain=Gain.EKF), problem.controller)
-        names = [c.name for name in self.places for c in effect_for(name, device.axes, device.own)[1].coefficients]
-        observer.assume(names, np.diag(self.deviation**2))
-        begin_moving(observer, problem.record)
-        estimates = run(observer, problem.record)
-        rows = [observer.estimated.index(name) for name in names]
-        values = dict(zip(observer.names, observer.state.tolist(), strict=True))
-        wider = widening_of(estimates)
-        return Found(
-            {name: coefficients_of(observer)[name] for name in self.places},
-            np.array([values[name] for name in names]),
-            wider**2 * observer.covariance[np.ix_(rows, rows)],
-        )
+    found: Posterior
+    evidence: float
 
 
-def constants_of(declared: Mapping[str, float], names: Collection[str], device: Device) -> Constants:
+def constants_of(declared: Mapping[str, float], names: Collection[str], device: Device) -> tuple[str, ...]:
     """Those of the named effects of which every coefficient has a declared standard deviation, by symbol, SI."""
-    places: dict[str, slice] = {}
-    deviation: list[float] = []
-    for name in names:
-        symbols = [c.name.partition(":")[0] for c in effect_for(name, device.axes, device.own)[1].coefficients]
-        if all(symbol in declared for symbol in symbols):
-            places[name] = slice(len(deviation), len(deviation) + len(symbols))
-            deviation += [declared[symbol] for symbol in symbols]
-    return Constants(places, np.array(deviation))
+    return tuple(name for name in names if all(declared.get(s, 0.0) > 0.0 for s in symbols_of(name, device)))
+
+
+def symbols_of(name: str, device: Device) -> list[str]:
+    """Of an effect's coefficients."""
+    return [c.name.partition(":")[0] for c in effect_for(name, device.axes, device.own)[1].coefficients]
+
+
+def off(
+    information: Information, names: Collection[str], declared: Mapping[str, float], device: Device, least: float
+) -> Off | None:
+    """What the record shows of the constants: all of them together, or one effect where the others being as they are
+    declared is more probable; None where twice the log-odds against none being off are below `least`.
+    """
+    symbols = {name: symbols_of(name, device) for name in names}
+    accounts: list[tuple[str, ...]] = [(name,) for name in names]
+    if len(names) > 1:
+        accounts.append(tuple(names))
+
+    def evidence(account: Collection[str]) -> float:
+        known = {symbol: declared[symbol] for name in account for symbol in symbols[name]}
+        return 2.0 * information.posterior(known).log_evidence
+
+    best = max(accounts, key=evidence, default=())
+    if not best or not evidence(best) > least:
+        return None
+    joint = information.posterior({symbol: declared[symbol] for name in names for symbol in symbols[name]})
+    found = joint.part([joint.symbols.index(symbol) for name in best for symbol in symbols[name]])
+    ends = np.cumsum([len(symbols[name]) for name in best]).tolist()
+    places = {name: slice(end - len(symbols[name]), end) for name, end in zip(best, ends, strict=True)}
+    return Off(places, found, evidence(best))
 
 
 def shares(terms: Array, places: Mapping[str, slice]) -> dict[str, float]:

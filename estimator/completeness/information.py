@@ -52,6 +52,13 @@ class Posterior:
     sensitivity: Array
     log_evidence: float = 0.0
 
+    def part(self, places: Sequence[int]) -> "Posterior":
+        """The same of these coefficients, the others being as likely as they are."""
+        return Posterior(
+            tuple(self.symbols[k] for k in places), tuple(self.units[k] for k in places), self.mean[places],
+            self.covariance[np.ix_(places, places)], self.sensitivity[:, places], self.log_evidence,
+        )  # fmt: skip
+
     @property
     def deviation(self) -> Array:
         """Standard deviation (k,) of each coefficient."""

@@ -1,39 +1,37 @@
-"""From what a scan shows to what the model lacks: the leading candidates carried, their likelihoods compared.
+"""From what a scan shows to what the model lacks: the leading candidates fitted, their likelihoods compared.
 
-Far from the truth a scan is a rough guide, so those that come into question are each carried by an observer once.
+Far from the truth a score test is a rough guide, so those that come into question are each fitted once.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from types import MappingProxyType
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from estimator.completeness.answer import Lacking
-from estimator.completeness.constants import Constants, Found, constants_of, shares
+from estimator.completeness.constants import Off, shares
+from estimator.completeness.scores import Scores
+from estimator.completeness.stretched import Stretched
 from estimator.completeness.turning import Turning
 from estimator.completeness.words import Nearest
 from estimator.diagnosis import Interval
 from estimator.effects.catalogue import effect_for
-from estimator.record import Record
+from estimator.identification.checks import covariance
+from estimator.identification.fit import FittedModel, at, maximise
+from estimator.identification.score_test import Score
+from estimator.identification.search import impossible, with_effect
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import Parameters, kind
-from estimator.trace.certainty import TWO_SIDED, covariance_of
-from estimator.trace.criterion import chance_gain, schwarz
-from estimator.trace.evidence import Evidence, likeness
-from estimator.trace.fitting import Fitted, coefficients_of, fit
-from estimator.trace.observer_model import carries_over, estimates_of, numbers
-from estimator.trace.problem import Problem
-from estimator.trace.scan import Scan
-from estimator.trace.searched import NOTHING
-from estimator.trace.width import second_thoughts, shortlist
+from estimator.side_by_side import side_by_side
+from estimator.trace.candidates import kind
+from estimator.trace.certainty import TWO_SIDED
 
 _TRIED = 3
-_BESIDE = 1  # tried beside them, of another kind
 _COMPARED = 10_000  # samples on which candidates are compared, at least
 _ENOUGH = 1000.0  # of twice the log-likelihood: so much tells candidates apart
+_LEARNT = 2.0 / 3.0  # of the record: what is found there must be borne out by the rest
+_TIE = 2.0 * float(np.log(20.0))  # twice the log-odds of two accounts that are not told apart
 HARMLESS = 1.0 / 3.0
 """Of the limit: what moves the angle by less is told, not held against the run."""
 
@@ -43,137 +41,144 @@ class Taken:
     """What a record shows: one effect, or several constants of the calibration together.
 
     angle: how far it moves the angle where that is most; shift, deviation (m,) rad: how far in the course of the run;
-    given: coefficients and parameters as an observer takes them, SI, by name in the scan.
+    model: the one that has the effect, None for constants, which every model has.
     """
 
     lacking: tuple[Lacking, ...]
     angle: Interval
     shift: Array
     deviation: Array
-    given: dict[str, dict[str, float]]
+    model: FittedModel | None = None
 
 
 def leading(
-    problem: Problem,
-    base: Fitted,
-    watched: dict[str, Parameters],
-    seen: Scan,
-    serious: list[Evidence],
+    of: Stretched,
+    base: FittedModel,
+    seen: Scores,
+    serious: Sequence[Score],
     turning: Turning,
     enough: float,
-    declared: Mapping[str, float] = MappingProxyType({}),
+    margin: float,
 ) -> Taken | Nearest | None:
-    """The effect that explains most once it is included in the model, None where none explains more than chance would;
-    the nearest where the innovation stays above `enough` times what is predicted of it, rms.  Where the constants with
-    declared standard deviations (by symbol, SI), all of them a little off, explain still more, these.
+    """The effect that explains most once it is included in the model, None where none stands better by `margin` (twice
+    the log-likelihood); the nearest where the innovation stays above `enough` times what is predicted of it, rms.
 
     Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
     of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.
     """
-    record, device = problem.record, problem.device
-    problem = problem.under(base.settings)
-    names = shortlist(seen, serious)[:_TRIED]
-    if serious[0].gain > _ENOUGH:
-        names += second_thoughts({item.name: item for item in serious}, names)[:_BESIDE]
     share = min(_ENOUGH / serious[0].gain, 1.0)
-    compared = problem.part(slice(0, min(max(int(share * len(record)), _COMPARED), len(record))))
-    effects = coefficients_of(base.observer)
-    without = fit(compared.carrying(effects))
-    models = {name: fit(compared.carrying({**effects, name: watched[name]})) for name in names}
-    gains = {name: model.likelihood - without.likelihood for name, model in models.items()}
-    best = max(gains, key=lambda name: gains[name] - price(name, device, compared.record))
-    worth = gains[best] - price(best, device, compared.record)
-    constants = constants_of(declared, turning.columns, device)
-    added = [name for name in constants.effects if name not in effects]
-    if len(constants.effects) > 1 and added:
-        cost = sum(price(name, device, compared.record) for name in added)
-        model = fit(compared.carrying({**{name: {} for name in added}, **effects}))
-        gain = model.likelihood - without.likelihood
-        if (
-            gain - cost > worth
-            and ratio_of(model) <= enough
-            and (gain >= _ENOUGH or carries_over(compared, without, model, *added))
-        ):
-            return _taken_together(constants, constants.after(problem), gain, turning, device)
-    _, effect = effect_for(best, device.axes, device.own)
-    candidates = len(seen.columns) * tries(watched[best], len(record))
-    if not gains[best] > chance_gain(len(effect.coefficients), candidates):
+    compared = of
+    if share < 1.0:
+        compared = of.part(slice(0, min(max(int(share * of.samples), _COMPARED), of.samples)))
+        base = maximise(compared, at(compared, base.layout, base.model))
+    tried = list(serious[:_TRIED])
+    models = dict(
+        zip(
+            [score.name for score in tried],
+            side_by_side([partial(with_effect, compared, base, score) for score in tried]),
+            strict=True,
+        )
+    )
+    models = {name: model for name, model in models.items() if not impossible(of, name, model)}
+    if not models:
+        return None
+    best = max(models, key=lambda name: models[name].criterion)
+    model = models[best]
+    if not model.criterion - base.criterion > margin:
         return None
     # What is weak must be borne out by samples that it was not found on, as in tracing; what is strong is beyond that.
-    if gains[best] < _ENOUGH and not carries_over(compared, without, models[best], best):
+    if model.likeliness - base.likeliness < _ENOUGH and not borne_out(compared, base, model):
         return None
-    model = models[best]
-    ratio = ratio_of(model)
+    ratio = _ratio_of(compared, model)
     if not ratio <= enough:
         return Nearest(kind(best), ratio)
-    covariance = covariance_of(best, model, NOTHING)
-    given = coefficients_of(model.observer)[best]
-    found = estimates_of(model, {})[best]
-    values = np.array([one.value for one in found.values()])
-    alike = likeness(seen, best, values)
+    return _taken_alone(of, best, model, model.likeliness - base.likeliness, seen, turning)
+
+
+def _taken_alone(of: Stretched, name: str, model: FittedModel, gain: float, seen: Scores, turning: Turning) -> Taken:
+    effect, layout = of.effect(name), model.layout
+    places = layout.of(name)[: len(effect.coefficients)]
+    factor = layout.factor[places]
+    values, spread = model.model.theta[places] * factor, covariance(model)[np.ix_(places, places)]
+    spread = spread * np.outer(factor, factor)
+    half = TWO_SIDED * np.sqrt(np.diagonal(spread))
+    angle = angle_of(turning.of(name), values, spread)
     lacking = Lacking(
-        effect=kind(best),
+        effect=kind(name),
         title=effect.title,
         coefficients={
-            symbol: Interval(one.value, one.low, one.high, c.unit)
-            for c, (symbol, one) in zip(effect.coefficients, found.items(), strict=True)
+            c.name.partition(":")[0]: Interval(float(value), float(value - h), float(value + h), c.unit)
+            for c, value, h in zip(effect.coefficients, values, half, strict=True)
         },
-        evidence=gains[best],
-        angle=angle_of(turning.of(best), values, covariance),
-        alike=tuple(
-            dict.fromkeys(
-                kind(o) for o, value in alike.items() if value > THRESHOLDS.scan.same and kind(o) != kind(best)
-            )
-        ),
+        evidence=gain,
+        angle=angle,
+        alike=tuple(dict.fromkeys(kind(o) for o in seen.alike(name, values) if kind(o) != kind(name))),
     )
-    return Taken((lacking,), lacking.angle, *turning.course([best], values, covariance), {best: given})
+    return Taken((lacking,), angle, *turning.course([name], values, spread), model)
 
 
-def _taken_together(constants: Constants, found: Found, gain: float, turning: Turning, device: Device) -> Taken:
+def taken_together(off: Off, turning: Turning, device: Device, harmless: float) -> Taken:
     """The constants as they were found.  What one of them does to the angle is its share of what all do: of two that
-    the record tells only together, each by itself may turn the angle far more than both do.
+    the record tells only together, each by itself may turn the angle far more than both do.  It is told where they do
+    most, and where that is below `harmless` rad at the end, where the calibration's part of the budget counts.
     """
-    moves = np.hstack([turning.of(name) for name in constants.effects])
-    shift, deviation = turning.course(constants.effects, found.values, found.covariance)
+    found, names = off.found, list(off.places)
+    shift, deviation = turning.course(names, found.mean, found.covariance)
     at = int(np.argmax(np.abs(shift)))
-    sizes = shares(moves[at] * found.values * shift[at], constants.places)
-    spreads = shares(moves[at] * (found.covariance @ moves[at]), constants.places)
+    angle = _interval(float(abs(shift[at])), float(deviation[at]))
+    g = found.sensitivity[at if angle.high >= harmless else -1]
+    sizes = shares(g * found.mean * float(g @ found.mean), off.places)
+    spreads = shares(g * (found.covariance @ g), off.places)
+    half = TWO_SIDED * found.deviation
     lacking = []
-    for name, places in constants.places.items():
-        _, effect = effect_for(name, device.axes, device.own)
-        half = TWO_SIDED * np.sqrt(np.diagonal(found.covariance)[places])
+    for name, places in off.places.items():
+        intervals = zip(found.symbols[places], found.units[places], found.mean[places], half[places], strict=True)
         lacking.append(
             Lacking(
                 effect=kind(name),
-                title=effect.title,
+                title=effect_for(name, device.axes, device.own)[1].title,
                 coefficients={
-                    c.name.partition(":")[0]: Interval(float(value), float(value - h), float(value + h), c.unit)
-                    for c, value, h in zip(effect.coefficients, found.values[places], half, strict=True)
+                    symbol: Interval(float(value), float(value - h), float(value + h), unit)
+                    for symbol, unit, value, h in intervals
                 },
-                evidence=gain,
+                evidence=off.evidence,
                 angle=_interval(sizes[name], spreads[name]),
             )
         )
     lacking.sort(key=lambda item: -item.angle.value)
-    angle = _interval(float(abs(shift[at])), float(deviation[at]))
-    return Taken(tuple(lacking), angle, shift, deviation, found.given)
+    return Taken(tuple(lacking), angle, shift, deviation)
 
 
-def ratio_of(model: Fitted) -> float:
-    """Innovation of a model over what it predicts of it, rms."""
+def borne_out(of: Stretched, base: FittedModel, model: FittedModel) -> bool:
+    """Whether what `model` has beside `base`, found on the first part of the record, predicts the rest better.
+
+    Where the rest tells nothing even to who has seen it, as behind a start that alone shows the effect, it only must
+    not be predicted worse.
+    """
+    first = of.part(slice(0, round(_LEARNT * of.samples)))
+
+    def later(one: FittedModel, *, learnt: bool) -> float:
+        if learnt:
+            one = maximise(first, at(first, one.layout, one.model))
+        seen = of.evaluate(one.layout, one.model, derivatives=False)
+        behind = np.arange(len(seen.power)) >= round(_LEARNT * len(seen.power) / (1 + len(of.later)))
+        power, count = seen.power[behind].sum(), seen.count[behind].sum()
+        return float(-count * np.log(power / count) - 2.0 * seen.logs[behind].sum())
+
+    told, carried = ([later(one, learnt=learnt) for one in (base, model)] for learnt in (False, True))
+    least = 0.0 if told[1] - told[0] > _TIE else -_TIE
+    return carried[1] - carried[0] > least
+
+
+def _ratio_of(of: Stretched, model: FittedModel) -> float:
+    """Innovation of a model with the declared noise over what it predicts of it, rms; infinite where it loses the
+    motion.
+    """
+    quiet = replace(model.model, noise=of.declared_noise())
+    seen = of.evaluate(model.layout, quiet, derivatives=False)
     with np.errstate(all="ignore"):
-        normalised = (model.estimates.innovation / model.estimates.innovation_deviation) ** 2
-    return float(np.sqrt(np.nanmean(normalised)))
-
-
-def tries(parameters: Parameters, samples: int) -> int:
-    """In how many places an effect was looked for: a frequency comes from the largest of all lines of the residual."""
-    return max(samples // 2, 1) if "omega" in parameters else 1
-
-
-def price(name: str, device: Device, record: Record) -> float:
-    """What the numbers of an effect cost in likelihood (Schwarz 1978)."""
-    return schwarz(numbers(name, device), record.sense.size)
+        ratio = float(np.sqrt(np.nanmean((seen.innovation / seen.deviation) ** 2)))
+    return ratio if seen.sound and np.isfinite(ratio) else float("inf")
 
 
 def angle_of(moves: Array, values: Array, covariance: Array) -> Interval:

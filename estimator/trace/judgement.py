@@ -4,6 +4,8 @@ A long record shows the smallest of imperfections: what counts is not whether th
 noise, but whether what stands above it is of a size that matters.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.special import ndtri
 
@@ -20,12 +22,23 @@ _SET = THRESHOLDS.judgement
 
 def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str, ...]:
     """What in the residual of a model is larger than can be left to chance, in words."""
+    estimates, noise = model.estimates, model.observer.device.noise
+    return left_in(estimates.innovation, estimates.innovation_deviation, noise, record, resonance_hz)
+
+
+def left_in(
+    innovation: Array, deviation: Array, noise: Sequence[float], record: Record, resonance_hz: float
+) -> tuple[str, ...]:
+    """What in innovations (n, axes) with their predicted deviations is larger than can be left to chance, in words;
+    noise (axes,) V: declared of the sensors.
+    """
     sample_rate = 1.0 / float(np.mean(record.step))
     cycle = int(sample_rate / resonance_hz)  # a record has four samples of one at least
-    series = steadied(model, _SET.start * cycle, cycle)
+    first = _SET.start * cycle
+    series = steadied(innovation, deviation, first, cycle)
     reasons = []
-    power, deviation = power_over_prediction(model, series, record, _SET.start * cycle, sample_rate, resonance_hz)
-    if power - 1.0 > max(_SET.level, -float(ndtri(THRESHOLDS.promises.floor_chance)) * deviation):
+    power, spread = power_over_prediction(deviation, noise, series, first, sample_rate, resonance_hz)
+    if power - 1.0 > max(_SET.level, -float(ndtri(THRESHOLDS.promises.floor_chance)) * spread):
         reasons.append(f"the innovation is {np.sqrt(power):.3g} × what its prediction and the noise floor allow")
     share = predictable_share(series, _SET.lags * cycle)
     # What a jump of the rate leaves is as much in a short record as in a long one, and the larger a share of it.
@@ -42,9 +55,9 @@ def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str
     return tuple(reasons)
 
 
-def steadied(model: Fitted, first: int, cycle: int) -> Array:
+def steadied(innovation: Array, deviation: Array, first: int, cycle: int) -> Array:
     """Innovations from `first` on over their predicted deviation (m, axes), those around a jump of the rate reduced."""
-    normalised = np.nan_to_num(model.estimates.innovation / model.estimates.innovation_deviation)[first:]
+    normalised = np.nan_to_num(innovation / deviation)[first:]
     power = np.convolve(np.mean(normalised**2, axis=1), np.ones(cycle), "same")  # over a cycle
     usual = float(np.median(power))
     share = np.sqrt(np.minimum(1.0, _SET.jump * usual / np.maximum(power, np.finfo(float).tiny)))
@@ -52,7 +65,7 @@ def steadied(model: Fitted, first: int, cycle: int) -> Array:
 
 
 def power_over_prediction(
-    model: Fitted, series: Array, record: Record, first: int, sample_rate: float, resonance_hz: float
+    deviation: Array, noise: Sequence[float], series: Array, first: int, sample_rate: float, resonance_hz: float
 ) -> tuple[float, float]:
     """Power of the steadied innovations over what was predicted, were the noise what the record's floor says; and its
     standard deviation by chance: a short record does not tell its floor to a twentieth.
@@ -60,10 +73,10 @@ def power_over_prediction(
     spectrum = periodogram(series, sample_rate, resonance_hz)
     quiet = quiet_bins(spectrum.frequency, sample_rate, resonance_hz)
     floor = np.median(spectrum.density[quiet], axis=0) / np.log(2.0) * sample_rate / 2.0
-    predicted = model.estimates.innovation_deviation[first:] ** 2
-    noise = np.array(model.observer.device.noise) ** 2
+    predicted = deviation[first:] ** 2
     # The floor is the noise's, the rest of the prediction the estimate's own uncertainty.
-    allowed = np.mean(1.0 + (np.minimum(floor, _SET.most_floor) - 1.0) * noise / predicted, axis=0)
+    share = np.array(noise) ** 2 / predicted
+    allowed = np.nanmean(1.0 + (np.minimum(floor, _SET.most_floor) - 1.0) * share, axis=0)
     power = float(np.mean(np.mean(series**2, axis=0) / np.maximum(allowed, np.finfo(float).tiny)))
     # Both are of the same samples, and the power is the better estimate of noise: the variances subtract (Hausman,
     # Econometrica 46(6), 1978).

@@ -68,7 +68,7 @@ def budget(
     declared = {source: math.sqrt(each) for source, each in sources.variances(deviation, course).items()}
     found = [] if scan is None else [*scan.lacks, *scan.harmless]
     strange = [item for item in found if not _constants_of(item)]
-    if information is not None and (scan is None or scan.complete):
+    if information is not None and (scan is None or _holds(scan, strange)):
         known = bench.device.calibration.known(bench.device.resonance_rad_s)
         remains = _left(information, {name: item.u for name, item in known.items()})
         left = {source_of(name): contribution for name, contribution in remains.items()}
@@ -79,6 +79,13 @@ def budget(
     total = math.sqrt(sum(row.contribution_rad**2 for row in rows))
     rows.sort(key=lambda row: -row.contribution_rad)
     return Budget(angle, total, COVERAGE * total, tuple(rows))
+
+
+def _holds(scan: Scan, strange: list[Lacking]) -> bool:
+    """Whether what the scan says of coefficients holds: the model lacks nothing, or constants of the calibration only,
+    which it was linearised about.
+    """
+    return scan.complete is True or (bool(scan.lacks) and not strange)
 
 
 def _constants_of(item: Lacking) -> list[str]:

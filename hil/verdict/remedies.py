@@ -28,18 +28,12 @@ class Remedy(NamedTuple):
 def remedy(row: Contribution, bench: Bench) -> Remedy:
     """The setting, or the act, that lowers a row."""
     controller = bench.controller
-    if row.source in ("drive gain", "sense gain ratio", "clock") and controller.virtual_rotation_rad_s != 0.0:
-        if controller.virtual_reversal_s == 0.0:
-            period = _rounded(abs(math.pi / controller.virtual_rotation_rad_s))
-            return Remedy(
-                f"set [controller] virtual_reversal_s = {period:g}, so that a gain error cancels, and run again",
-                {"controller": {"virtual_reversal_s": period}},
-            )
-        rate = _rounded(controller.virtual_rotation_rad_s / 2.0)
+    one_way = controller.virtual_rotation_rad_s != 0.0 and controller.virtual_reversal_s == 0.0
+    if row.source in ("drive gain", "sense gain ratio", "clock") and one_way:
+        period = _there_and_back(bench)
         return Remedy(
-            f"set a smaller [controller] virtual_rotation_rad_s, such as {rate:g}, or a shorter virtual_reversal_s, "
-            "and run again",
-            {"controller": {"virtual_rotation_rad_s": rate}},
+            f"set [controller] virtual_reversal_s = {period:g}, so that a gain error cancels, and run again",
+            {"controller": {"virtual_reversal_s": period}},
         )
     if row.source == ESTIMATION:
         return _estimation(bench)
@@ -51,6 +45,15 @@ def remedy(row: Contribution, bench: Bench) -> Remedy:
         return Remedy("measure the damping, and say how well with [observer.initial_sd] damping")
     key = f"{row.source.replace(' ', '_')}_u{'_s' if row.unit == 's' else ''}"
     return Remedy(f"calibrate it, and declare how well with [device.calibration] {key}", calibrates=key)
+
+
+def _there_and_back(bench: Bench) -> float:
+    """A period of the reversal, s, by which the scored window turns as far back as there, by no more than half a turn
+    at a time: what a gain does to the one is then undone by the other.
+    """
+    scored = bench.loop.duration_s - bench.loop.settle_s
+    longest = abs(math.pi / bench.controller.virtual_rotation_rad_s)
+    return _rounded(scored / (2.0 * math.ceil(scored / (2.0 * longest))), 3)
 
 
 def _estimation(bench: Bench) -> Remedy:
@@ -89,6 +92,6 @@ def _excitation(bench: Bench) -> Remedy:
     )
 
 
-def _rounded(value: float) -> float:
-    """To two digits, as it is told."""
-    return float(f"{value:.2g}")
+def _rounded(value: float, digits: int = 2) -> float:
+    """To so many digits, as it is told."""
+    return float(f"{value:.{digits}g}")

@@ -11,16 +11,27 @@ import pytest
 from scipy.stats import multivariate_normal, norm
 
 from estimator.completeness.answer import Lacking, Outcome
-from estimator.completeness.closing import _is_of_the_rate, closing_scan, information_of, require_scannable, together
-from estimator.completeness.constants import constants_of, shares
-from estimator.completeness.lacking import HARMLESS, angle_of, price, tries
+from estimator.completeness.closing import (
+    _is_of_the_rate,
+    beside_those,
+    closing_scan,
+    information_of,
+    price,
+    require_scannable,
+)
+from estimator.completeness.constants import constants_of, off, shares
+from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.lacking import HARMLESS, angle_of
+from estimator.completeness.scores import Scores
 from estimator.completeness.stretch import Stretch
+from estimator.completeness.stretched import Stretched, likelihood_of
 from estimator.completeness.turning import Turning
 from estimator.completeness.words import Nearest, in_words
 from estimator.diagnosis import Interval
 from estimator.errors import ModelError
+from estimator.identification.score_test import Score
 from estimator.record import Record
-from estimator.trace.scan import Scan
+from estimator.trace.problem import Problem
 from tests.estimator.test_scan import DEVICE, SETTINGS
 
 RATE_HZ = DEVICE.sample_rate
@@ -132,20 +143,30 @@ def test_effects_that_are_there_add_up_shifts_as_they_are_and_deviations_as_squa
 # ----------------------------------------------------------------------------------------------------------- judging
 
 
-def test_a_line_is_one_of_half_as_many_as_there_are_samples() -> None:
-    assert tries({"omega": 1.0}, 1000) == 500
-    assert tries({"omega": 1.0}, 1) == 1
-    assert tries({"cycles": 1.0}, 1000) == 1
+def likelihood(*known: Record) -> Stretched:
+    return likelihood_of(Problem(record(), DEVICE, SETTINGS), known or (record(),))
+
+
+def score(name: str, gain: float = 0.0, **given: float) -> Score:
+    size = np.zeros(len(likelihood().effect(name).coefficients))
+    return Score(name, gain, size, size, 1.0, given)
 
 
 def test_two_numbers_cost_twice_as_much_and_a_longer_record_more() -> None:
-    """Schwarz: twice the log-likelihood is worth ln n for each number."""
-    one, two = price("cubic_stiffness", DEVICE, record()), price("drive_gain", DEVICE, record())
-    per_number = math.log(2 * ENOUGH)
-    for found in (one, two):
-        assert found / per_number == pytest.approx(round(found / per_number))
-    longer = price("drive_gain", DEVICE, record(10 * ENOUGH))
-    assert longer - two == pytest.approx(two / per_number * math.log(10.0))
+    """Schwarz: twice the log-likelihood is worth ln n for each number, a frequency that is searched being one."""
+    of = likelihood()
+    assert price(of, score("sense_gain"), 1000) == pytest.approx(math.log(1000.0))
+    assert price(of, score("drive_gain"), 1000) == pytest.approx(2.0 * math.log(1000.0))
+    assert price(of, score("drive_gain"), 10_000) == pytest.approx(2.0 * math.log(10_000.0))
+    coefficients = len(of.effect("interference").coefficients)
+    found = price(of, score("interference", omega=1.0), 1000)
+    assert found == pytest.approx((coefficients + 1) * math.log(1000.0))
+
+
+def test_a_line_may_come_again_and_another_effect_may_not() -> None:
+    tested = {"interference:1": {"omega": 1.0}, "interference:2": {"omega": 2.0}, "drive_saturation:2": {"limit": 1.0}}
+    there = {"interference:1": {"omega": 1.0}, "drive_saturation:4": {"limit": 2.0}}
+    assert beside_those(tested, there) == {"interference:2": {"omega": 2.0}}
 
 
 @pytest.mark.parametrize(
@@ -154,54 +175,51 @@ def test_two_numbers_cost_twice_as_much_and_a_longer_record_more() -> None:
 )
 def test_a_weak_line_beside_the_resonance_is_what_a_rate_leaves(share: float, power: float, rates: bool) -> None:
     """It must hold a hundredth of the power to be a line."""
-    seen = scan_of(innovation=np.zeros((1000, 2)))
+    seen = scores(innovation=np.zeros((1000, 2)))
     line = {"omega": share * math.sqrt(DEVICE.target)}
-    assert _is_of_the_rate(line, power * 0.01 * 2000, DEVICE, seen) is rates
+    assert _is_of_the_rate(line, power * 0.01 * 2000, likelihood(), seen) is rates
 
 
 def test_what_has_no_frequency_is_no_line() -> None:
-    assert not _is_of_the_rate({}, 0.0, DEVICE, scan_of(innovation=np.zeros((1000, 2))))
+    assert not _is_of_the_rate({}, 0.0, likelihood(), scores(innovation=np.zeros((1000, 2))))
 
 
-def scan_of(**known: Any) -> Scan:
-    """Two coefficients of the drive gain, one of another effect; nothing else is looked at."""
+def scores(**known: Any) -> Scores:
+    """Two coefficients of the drive gain, one of another effect; nothing else is asked for."""
     usual: dict[str, Any] = {
-        "normal": np.arange(18.0).reshape(2, 3, 3),
-        "score": np.arange(6.0).reshape(2, 3),
+        "normal": np.arange(9.0).reshape(3, 3),
+        "score": np.arange(3.0),
         "plausible": np.array([0.05, 0.06, 2.0]),
+        "table": (),
+        "ratio": 1.0,
+        "widening": 1.0,
         "innovation": np.ones((4, 2)),
         "deviation": np.ones((4, 2)),
-        "course": np.zeros((3, 3)),
     }
-    return Scan({"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}, observer=None, **(usual | known))
+    return Scores({"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}, **(usual | known))
 
 
-def test_stretches_are_judged_as_one_record() -> None:
-    first, second = scan_of(), scan_of(innovation=2.0 * np.ones((6, 2)), deviation=np.ones((6, 2)))
-    both = together([first, second])
-    assert both.normal.shape == (4, 3, 3)
-    np.testing.assert_array_equal(both.normal.sum(axis=0), 2.0 * first.normal.sum(axis=0))
-    np.testing.assert_array_equal(both.score.sum(axis=0), 2.0 * first.score.sum(axis=0))
-    assert both.ratio == pytest.approx(math.sqrt((4 + 6 * 4) / 10))
-    assert len(both.course) == 6
-
-
-def test_what_was_watched_goes_to_the_budget_with_its_symbols_sizes_and_sensitivities() -> None:
-    """The sensitivity has effects that were carried meanwhile, and stand in another place."""
+def test_what_was_tested_goes_to_the_budget_with_its_symbols_sizes_and_sensitivities() -> None:
+    """The sensitivity has effects that were included meanwhile, and stand in another place."""
     columns = {"sense_gain": slice(0, 1), "other": slice(1, 2), "drive_gain": slice(2, 4)}
     sensitivity = np.array([[0.0] * 4, [1.0, 2.0, 3.0, 4.0]])
     moved = Turning(columns, np.array([0.0, 1.0]), sensitivity, np.array([0.0, 0.3]), np.array([0.0, 0.4]))
-    loud = scan_of(innovation=3.0 * np.ones((4, 2)))
-    found = information_of(loud, moved, DEVICE)
+    loud = scores(widening=3.0)
+    found = information_of(loud, moved, likelihood())
     assert [(c.effect, c.symbol, c.plausible) for c in found.coefficients] == [
         ("drive_gain", "hx", 0.05), ("drive_gain", "hy", 0.06), ("sense_gain", "gy", 2.0)
     ]  # fmt: skip
     np.testing.assert_array_equal(found.sensitivity, [[0.0] * 3, [3.0, 4.0, 1.0]])
-    np.testing.assert_array_equal(found.normal, loud.normal[0] + loud.normal[1])
-    np.testing.assert_array_equal(found.score, loud.score[0] + loud.score[1])
+    np.testing.assert_array_equal(found.normal, loud.normal)
+    np.testing.assert_array_equal(found.score, loud.score)
     assert found.widening == 3.0
-    assert information_of(scan_of(innovation=0.5 * np.ones((4, 2))), moved, DEVICE).widening == 1.0
     np.testing.assert_allclose(found.found, [0.0, 0.5])
+
+
+def test_effects_are_alike_where_what_they_do_to_the_record_is_the_same() -> None:
+    same = np.outer([1.0, 2.0, 2.0], [1.0, 2.0, 2.0])  # of one column each, as long as the coefficients say
+    assert scores(normal=same).alike("drive_gain", np.array([0.1, 0.1])) == ["sense_gain"]
+    assert scores(normal=np.eye(3)).alike("drive_gain", np.array([0.1, 0.1])) == []
 
 
 # ------------------------------------------------------------------------------------------------------------ in words
@@ -251,10 +269,34 @@ def test_shares_add_up_to_the_whole_where_one_part_takes_from_another() -> None:
 
 
 def test_the_constants_are_the_effects_of_which_every_coefficient_is_declared() -> None:
-    declared = {"hx": 0.01, "hy": 0.02, "gy": 0.005, "mx": 0.1, "clock": 1e-5}
-    found = constants_of(declared, ["cubic_stiffness", "drive_gain", "drive_misalignment", "sense_gain"], DEVICE)
-    assert found.places == {"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}
-    np.testing.assert_array_equal(found.deviation, [0.01, 0.02, 0.005])
+    declared = {"hx": 0.01, "hy": 0.02, "gy": 0.005, "mx": 0.1, "clock": 1e-5, "ex": 0.1, "ey": 0.0}
+    names = ["cubic_stiffness", "drive_gain", "drive_misalignment", "sense_gain", "sense_cross_coupling"]
+    assert constants_of(declared, names, DEVICE) == ("drive_gain", "sense_gain")
+
+
+def told_of(score: list[float], normal: list[float]) -> Information:
+    """Of gains, each told by itself."""
+    of = (Coefficient("drive_gain", "hx", "1", 1.0), Coefficient("drive_gain", "hy", "1", 1.0))
+    of = (*of, Coefficient("sense_gain", "gy", "1", 1.0))
+    return Information(
+        of, np.diag(normal), np.array(score), np.array([0.0, 1.0]), np.array([[0.0] * 3, [1.0, 0.0, 2.0]])
+    )
+
+
+def test_one_constant_is_told_where_the_others_are_as_declared_and_all_where_all_are_off() -> None:
+    """By hand: a coefficient of deviation s predicts better by s² b²/(1 + s² n) − ln(1 + s² n), twice the log."""
+    declared = {"hx": 0.01, "hy": 0.01, "gy": 0.01}
+    names = ("drive_gain", "sense_gain")
+    one = off(told_of([-2e4, 0.0, 0.0], [1e6, 1e6, 1e6]), names, declared, DEVICE, 20.0)
+    assert one is not None
+    assert list(one.places) == ["drive_gain"]
+    assert one.evidence == pytest.approx(1e-4 * 4e8 / 101.0 - 2.0 * math.log(101.0))
+    assert one.found.mean == pytest.approx([1e-4 * 2e4 / 101.0, 0.0])
+    both = off(told_of([-2e4, 1e4, 1e4], [1e6, 1e6, 1e6]), names, declared, DEVICE, 20.0)
+    assert both is not None
+    assert list(both.places) == ["drive_gain", "sense_gain"]
+    assert off(told_of([-1e3, 0.0, 0.0], [1e6, 1e6, 1e6]), names, declared, DEVICE, 20.0) is None
+    assert off(told_of([-2e4, 0.0, 0.0], [1e6, 1e6, 1e6]), (), declared, DEVICE, 20.0) is None
 
 
 def test_nothing_at_all_says_how_much_was_looked_for() -> None:
@@ -268,12 +310,3 @@ def test_what_leaves_most_of_itself_is_said_to_be_nearest_and_has_no_interval() 
         "noise; hil trace tells; "
     )
     assert "drive_saturation:" not in words  # no coefficients
-
-
-def test_a_scan_of_an_observer_that_diverged_is_not_sound() -> None:
-    gap = np.ones((4, 2))
-    gap[1] = np.nan
-    assert scan_of().sound
-    assert scan_of(innovation=gap, deviation=gap).sound  # a lost sample is no fault
-    assert not scan_of(deviation=gap).sound
-    assert not scan_of(normal=np.full((2, 3, 3), np.inf)).sound

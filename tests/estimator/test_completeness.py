@@ -135,7 +135,7 @@ def test_a_device_as_it_is_declared_is_called_by_no_other_name() -> None:
             half = interval.high - interval.value
             assert abs(interval.value - OFF[symbol]) < 2.0 * half  # twice a 95 % interval
             assert half <= 1.97 * declared[symbol]
-    really = float(np.max(np.abs(angle_error(run))))
+    really = float(abs(angle_error(run)[-1]))  # what is harmless counts at the end, as the budget does
     size = math.sqrt(sum(item.angle.value**2 for item in found.harmless))
     half = math.sqrt(sum((item.angle.high - item.angle.value) ** 2 for item in found.harmless))
     assert abs(really - size) < half + 0.1 * really

@@ -144,11 +144,8 @@ def test_of_a_short_record_the_power_is_known_as_surely_as_is_said():
     found = []
     for seed in range(300):
         series = np.random.default_rng(seed).standard_normal((short, 2))
-        estimates = SimpleNamespace(innovation_deviation=np.full((short, 2), SIGMA))
-        beside = SimpleNamespace(
-            estimates=estimates, observer=SimpleNamespace(device=SimpleNamespace(noise=(SIGMA, SIGMA)))
-        )
-        found.append(power_over_prediction(beside, series, RECORD, 0, RATE, RESONANCE))
+        predicted = np.full((short, 2), SIGMA)
+        found.append(power_over_prediction(predicted, (SIGMA, SIGMA), series, 0, RATE, RESONANCE))
     power, deviation = np.array(found).T
     assert np.std(power) == pytest.approx(np.mean(deviation), rel=0.2)
     # The power itself scatters as χ² over its degrees of freedom: the floor of one axis by as much more.
@@ -172,11 +169,11 @@ def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
     """Eight of 19.9 samples are left to the start, four are asked about the past."""
     asked = {}
 
-    def steady(of, first, cycle):
+    def steady(innovation, deviation, first, cycle):
         asked["steadied"] = first, cycle
         return white()[first:]
 
-    def power(of, series, record, first, sample_rate, resonance_hz):
+    def power(deviation, noise, series, first, sample_rate, resonance_hz):
         asked["power"] = len(series), first, sample_rate, resonance_hz
         return 1.0, 0.0
 
@@ -192,7 +189,8 @@ def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
 def test_around_a_jump_of_the_rate_innovations_are_brought_down_to_three_times_the_usual_power():
     series = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
     series[30_000:30_400] *= 10.0
-    level = np.mean(steadied(model(series), 0, CYCLE) ** 2, axis=1)
+    left = model(series).estimates
+    level = np.mean(steadied(left.innovation, left.innovation_deviation, 0, CYCLE) ** 2, axis=1)
     assert level[30_200] == pytest.approx(3.0)
     assert level[20_000] == pytest.approx(1.0)
 

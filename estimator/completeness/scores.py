@@ -1,0 +1,131 @@
+"""What a pass over the record says of every coefficient beside a fitted model."""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from estimator.completeness.stretched import Stretched
+from estimator.identification.fit import FittedModel
+from estimator.identification.likelihood import Evaluation
+from estimator.identification.score_test import Score
+from estimator.scaling import Array
+from estimator.trace.problem import Effects
+
+SAME = 0.9992
+"""Likeness of what two effects do to the innovations above which a record does not tell them apart."""
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Normal equations of coefficients, all of which are zero in the model that they are about; in plausible sizes.
+
+    columns: those of each effect, first the constants that the model has; normal (k, k), score (k,): with what the
+    model fits beside the constants projected out; plausible (k,) SI sizes; table: each effect that the model has not,
+    beside the constants as they are known, the largest gain first; ratio: innovation over what was predicted of it,
+    rms; widening: by how much deviations are larger than the equations say; innovation, deviation (n, axes) V.
+    """
+
+    columns: Mapping[str, slice]
+    normal: Array
+    score: Array
+    plausible: Array
+    table: tuple[Score, ...]
+    ratio: float
+    widening: float
+    innovation: Array
+    deviation: Array
+
+    def alike(self, name: str, values: Array) -> list[str]:
+        """Effects that could do the same to this record as `name` with these coefficients (c,), SI."""
+        columns = self.columns[name]
+        own, c = self.normal[columns, columns], values / self.plausible[columns]
+        size = float(c @ own @ c)
+        found = []
+        for other, others in self.columns.items():
+            if other == name or not size > 0.0:
+                continue
+            cross = self.normal[others, columns] @ c
+            same = float(cross @ np.linalg.pinv(self.normal[others, others], rcond=1e-9, hermitian=True) @ cross)
+            if same > SAME**2 * size:
+                found.append(other)
+        return found
+
+
+def scores_of(of: Stretched, model: FittedModel, tested: Effects, constants: Collection[str]) -> Scores:
+    """The scores of `tested`, and of the constants, effects that the model has and that are known to be small: of
+    these the equations are about zero, to which the score is carried over by their information.
+    """
+    seen = of.evaluate(model.layout, model.model, tested=tested)
+    layout, scale = model.layout, seen.scale
+    own, size = len(layout.names), len(seen.names)
+    information, score = seen.information / scale, seen.score / scale
+    ours = [k for name in constants for k in layout.of(name)]
+    fitted = [k for k in range(own) if k not in ours]
+    columns = _columns([*(layout.owner[k] for k in ours), *seen.names[own:]])
+    sizes = np.concatenate([of.plausible(name) for name in columns])
+    factor = [*layout.factor[ours], *_factors(of, tested)]
+    left = _projector(information.sum(axis=0), layout.deviation, fitted, [*ours, *range(own, size)])
+    normal = left.T @ information.sum(axis=0) @ left * np.outer(sizes, sizes)
+    at_model = (score.sum(axis=0) - _pull(model, fitted, size)) @ left * sizes
+    about_zero = at_model + normal[:, : len(ours)] @ (model.model.theta[ours] / sizes[: len(ours)])
+    return Scores(
+        columns, normal, -about_zero, sizes * np.abs(factor), _table(of, model, seen, tested), _ratio(seen),
+        float(np.sqrt(max(scale, 1.0) * model.scatter)), seen.innovation, seen.deviation,
+    )  # fmt: skip
+
+
+def _pull(model: FittedModel, of: list[int], size: int) -> Array:
+    """Slope (size,) of what is known beforehand of these parameters."""
+    layout = model.layout
+    pull = np.zeros(size)
+    pull[of] = (model.model.theta[of] - layout.mean[of]) / layout.deviation[of] ** 2
+    return pull
+
+
+def _columns(names: list[str]) -> dict[str, slice]:
+    columns: dict[str, slice] = {}
+    for k, name in enumerate(names):
+        columns[name] = slice(columns[name].start if name in columns else k, k + 1)
+    return columns
+
+
+def _factors(of: Stretched, tested: Effects) -> list[float]:
+    """SI of a scaled unit of each coefficient."""
+    return [of.unit(coefficient) for name in tested for coefficient in of.effect(name).coefficients]
+
+
+def _projector(information: Array, deviation: Array, taken: list[int], kept: list[int]) -> Array:
+    """(all, kept) that leaves of equations what the parameters `taken`, with their priors, cannot take up."""
+    prior = np.diag(deviation[taken] ** -2.0)
+    share = np.linalg.solve(information[np.ix_(taken, taken)] + prior, information[np.ix_(taken, kept)])
+    left = np.zeros((len(information), len(kept)))
+    left[taken], left[kept, range(len(kept))] = -share, 1.0
+    return left
+
+
+def _table(of: Stretched, model: FittedModel, seen: Evaluation, tested: Effects) -> tuple[Score, ...]:
+    """Each effect beside everything that the model has, with a prior of its plausible size (Rao's score test)."""
+    own, size = len(model.layout.names), len(seen.names)
+    information, score = seen.information / seen.scale, seen.score / seen.scale
+    fitted = list(range(own))
+    left = _projector(information.sum(axis=0), model.layout.deviation, fitted, list(range(own, size)))
+    by_part = left.T @ information @ left
+    slopes = (score - _pull(model, fitted, size) / len(score)) @ left
+    table = []
+    for name, at in _columns(list(seen.names[own:])).items():
+        normal = by_part[:, at, at]
+        covariance = np.linalg.inv(normal.sum(axis=0) + np.diag(of.plausible(name) ** -2.0))
+        slope = slopes[:, at]
+        c = covariance @ slope.sum(axis=0)
+        rest = slope - normal @ c
+        scatter = float(np.trace(covariance @ (rest.T @ rest))) / len(c)
+        gain = float(slope.sum(axis=0) @ c)
+        table.append(Score(name, gain, c, np.sqrt(np.diagonal(covariance)), scatter, tested[name]))
+    return tuple(sorted(table, key=lambda one: -one.gain))
+
+
+def _ratio(seen: Evaluation) -> float:
+    with np.errstate(all="ignore"):
+        normalised = (seen.innovation / seen.deviation) ** 2
+    return float(np.sqrt(np.nanmean(normalised))) if np.isfinite(normalised).any() else float("nan")

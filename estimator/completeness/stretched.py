@@ -1,0 +1,127 @@
+"""The likelihood of the stretches of a run, judged as one record."""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+
+from estimator.effects.declaration import Coefficient
+from estimator.gaps import observe
+from estimator.identification.filtered import Filtered
+from estimator.identification.fit import FittedModel, advanced, at, fit, maximise
+from estimator.identification.likelihood import Evaluation, Layout, Model, ObserverLayout
+from estimator.observer import Observer
+from estimator.record import Record
+from estimator.scaling import Array, Scaling
+from estimator.settings import Gain, Variant
+from estimator.side_by_side import side_by_side
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.start import begin_moving
+
+_OF_PARTS, _OF_SAMPLES = ("score", "information", "power", "logs", "count"), ("innovation", "deviation")
+
+
+@dataclass(frozen=True)
+class Stretched(Filtered):
+    """`Likelihood` of a run of which some stretches are looked at: each begins with the motion that its first cycles
+    show, and all have the same parameters.
+
+    The problem has the first stretch, `later` the others; known: standard deviations of coefficients, SI, by symbol,
+    that take the place of their plausible sizes.
+    """
+
+    later: tuple[Filtered, ...] = ()
+    known: Mapping[str, float] = field(default_factory=dict)
+
+    def part(self, rows: slice) -> "Stretched":
+        """The same of these samples of the first stretch only."""
+        first = Filtered.part(self, rows)
+        return replace(self, problem=first.problem, beginning=first.beginning, later=())
+
+    def layout(self, effects: Effects) -> ObserverLayout:
+        """The parameters of the model with these effects, as well known as they are."""
+        layout = ObserverLayout(self.problem, effects)
+        for k, owner in enumerate(layout.owner):
+            if owner and (known := self.known.get(layout.names[k].partition(":")[0], 0.0)) > 0.0:
+                layout.deviation[k] = known / abs(layout.factor[k])
+        return layout
+
+    def unit(self, coefficient: Coefficient) -> float:
+        """SI of a scaled unit of a coefficient."""
+        return Scaling.of(self.problem.device).coefficient(coefficient)
+
+    def evaluate(
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
+    ) -> Evaluation:
+        """A pass over all stretches.  Raises ModelError as `Observer` does."""
+
+        def over(one: Filtered) -> Evaluation:
+            return Filtered.evaluate(one, layout, model, derivatives=derivatives, tested=tested)
+
+        seen = side_by_side([partial(over, one) for one in (self, *self.later)])
+        of_parts, of_samples = (_joined(seen, names) for names in (_OF_PARTS, _OF_SAMPLES))
+        return Evaluation(seen[0].names, *of_parts, *of_samples)
+
+
+def _joined(seen: Sequence[Evaluation], names: tuple[str, ...]) -> list[Array]:
+    return [np.concatenate([getattr(one, name) for one in seen]) for name in names]
+
+
+def likelihood_of(problem: Problem, records: Sequence[Record]) -> Stretched:
+    """Of the stretches of a run; the observer of the problem is the bench's."""
+    first, *others = (Filtered(problem.on(record)) for record in records)
+    return Stretched(first.problem, later=tuple(others))
+
+
+def fitted(of: Stretched, effects: Effects, most: float) -> FittedModel:
+    """The model with these effects where the likelihood is largest, begun from what the bench's own observer finds.
+
+    A model whose innovation is above `most` times what is predicted of it, rms, lacks something: it has a random force
+    in its place, so that the filter follows the motion.
+    """
+    layout = of.layout(effects)
+    model = Model(effects, _begun(of.problem, layout, effects), of.declared_noise())
+    found = maximise(of, at(of, layout, model))
+    if found.evaluation.sound and found.evaluation.scale <= most**2:
+        return found
+    if not found.evaluation.sound:
+        found = at(of, layout, fit(of.part(slice(0, of.samples)), effects).model)
+    return maximise(of, advanced(of, found))
+
+
+def beside(of: Stretched, base: FittedModel, constants: Collection[str]) -> FittedModel:
+    """The model with these effects more, all of their coefficients near nothing."""
+    effects = {**base.layout.effects_of(base.model), **{name: {} for name in constants}}
+    layout = of.layout(effects)
+    known = dict(zip(zip(base.layout.owner, base.layout.names, strict=True), base.model.theta, strict=True))
+    keys = zip(layout.owner, layout.names, layout.mean, strict=True)
+    theta = np.array([known.get((owner, name), mean) for owner, name, mean in keys])
+    return maximise(of, at(of, layout, Model(effects, theta, base.model.noise)))
+
+
+def first_of(of: Stretched, seen: Evaluation) -> Evaluation:
+    """A pass as far as the first stretch goes; of its sums nothing is meant."""
+    rows = slice(0, of.samples)
+    return replace(seen, innovation=seen.innovation[rows], deviation=seen.deviation[rows])
+
+
+def _begun(problem: Problem, layout: ObserverLayout, effects: Effects) -> Array:
+    """Parameters (k,) as the bench's observer has them at the end of a record; as declared where it diverges."""
+    settings = replace(problem.settings, variant=Variant.FULL, gain=Gain.FADING, effects=effects)
+    observer = Observer(problem.device, settings, problem.controller)
+    begin_moving(observer, problem.record)
+    record = problem.record
+    observe(
+        observer, record.sense, record.drive, record.gaps, step=record.step, every=len(record),
+        temperature=record.channels.get("temperature"),
+    )  # fmt: skip
+    values = dict(zip(observer.names, observer.x, strict=True))
+    theta = np.array([values.get(name, mean) for name, mean in zip(layout.names, layout.mean, strict=True)])
+    theta = np.clip(theta, layout.least, layout.most)
+    far = np.abs(theta - layout.mean) > _FAR * layout.deviation
+    return layout.mean.copy() if not np.all(np.isfinite(theta)) or np.any(far) else theta
+
+
+_FAR = 10.0
+"""Of the declared deviations: an observer that is so far off has lost the motion."""
