@@ -370,33 +370,6 @@ class Spectrum:
 
 
 @dataclass(frozen=True)
-class RateSensor:
-    """The rate sensor's chain."""
-
-    most: int = _set(6, "effects", "Of the chain's five stages, few are wrong at once.")
-    alike: float = _set(0.98, "correlation of signatures", "Above it a record does not tell two effects apart.")
-    adequate: float = _set(3.0, "× the noise floor", "Data sheets declare the noise of the sensor, not of the table.")
-    excited: float = _set(0.05, "of a signature", "What must be left when the line is taken out.")
-    lags: int = _set(20, "lags", "Memory of the chain shows within them.")
-    curve: int = _set(4, "steady rates", "A curve through three is a line and one number.")
-    range_share: float = _set(1e-3, "of the declared range", "A rate that changes by less does not change.")
-    beyond: float = _set(1.05, "× the largest fitted rate", "Rates held out beyond it were not to be learnt.")
-    rest_width: float = _set(0.02, "of the declared range", "Rates this near are one steady rate.")
-    rest_share: float = _set(0.01, "of the samples", "A rate that is passed through has fewer.")
-    first_size: float = _set(0.01, "of a coefficient's scale", "An effect whose start is zero is tried at this.")
-
-
-@dataclass(frozen=True)
-class RingDownEnvelope:
-    """The amplitude of a ring-down."""
-
-    fewest: int = _set(40, "samples", "A start, the damping and three laws, each from eight.")
-    block: int = _set(4, "samples", "Blocks of so many are fitted, agree and judge by turns.")
-    most: int = _set(3, "terms", "Powers of one amplitude: more than three of them are told apart by none.")
-    followed: float = _set(3.0, "nepers", "So far below the lowest reading a motion is followed: it has ended then.")
-
-
-@dataclass(frozen=True)
 class Thresholds:
     """All of them, by what they are for."""
 
@@ -419,8 +392,6 @@ class Thresholds:
     residual: ResidualLook = field(default_factory=ResidualLook)
     floor: Floor = field(default_factory=Floor)
     spectrum: Spectrum = field(default_factory=Spectrum)
-    rate_sensor: RateSensor = field(default_factory=RateSensor)
-    envelope: RingDownEnvelope = field(default_factory=RingDownEnvelope)
 
 
 class Threshold(NamedTuple):

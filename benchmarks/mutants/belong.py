@@ -113,7 +113,7 @@ _RESIDUAL = {
     "whiteness": "residual_measures residual closed_forms",
 }
 _RATE_SENSOR = (
-    *("catalogue", "chain_model", "characteristic", "declaration", "dynamics", "model", "record", "surroundings"),
+    *("catalogue", "chain", "characteristic", "declaration", "dynamics", "record", "surroundings"),
     "trace",
 )
 

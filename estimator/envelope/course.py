@@ -1,8 +1,7 @@
-"""The amplitude of a ring-down over time, with its derivatives: the averaged equation, solved by quadrature.
+"""The amplitude of a ring-down over time: the averaged equation, solved by quadrature.
 
 Of λ = ln a the rate λ' = −g(λ), g = Σ cᵢ Kᵢ exp((pᵢ − 1) λ), depends on λ alone, so that the time at which λ is reached
-is an integral, t = ∫ dλ/g from λ up to the start, and the derivatives of λ(t) are integrals as well:
-∂λ/∂λ₀ = g(λ)/g(λ₀), ∂λ/∂cᵢ = −g(λ) ∫ gᵢ/g² dλ.
+is an integral, t = ∫ dλ/g from λ up to the start.
 """
 
 from collections.abc import Sequence
@@ -25,16 +24,8 @@ class Power(NamedTuple):
     degree: float
 
 
-class Course(NamedTuple):
-    """ln of the amplitude (n,), its derivative by that at the first sample (n,) and by each coefficient (n, k)."""
-
-    level: Array
-    by_start: Array
-    by_coefficients: Array
-
-
-def course(time: Array, start: float, coefficients: Array, powers: Sequence[Power], lowest: float) -> Course:
-    """λ(t) at `time` (n,), scaled and from 0 on, from λ = `start` on.
+def level_at(time: Array, start: float, coefficients: Array, powers: Sequence[Power], lowest: float) -> Array:
+    """λ(t) (n,) at `time` (n,), scaled and from 0 on, from λ = `start` on.
 
     coefficients (k,), one for each of `powers`; lowest: λ below which nothing is followed, where the amplitude then
     stays: a motion that friction ends has come to rest there.
@@ -47,34 +38,23 @@ def course(time: Array, start: float, coefficients: Array, powers: Sequence[Powe
     height = (start - lowest) / _CELLS
     inside = edges[:-1, None] - 0.5 * height * (1.0 + _NODES)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        at_edges = _rates(edges, powers)
-        within = _rates(inside, powers)
-        rate, between = at_edges @ coefficients, within @ coefficients
+        rate, between = _rate(edges, coefficients, powers), _rate(inside, coefficients, powers)
         falls = (rate[1:] > 0.0) & np.all(between > 0.0, axis=1) & np.isfinite(rate[1:])
     count = int(np.argmin(falls)) if not falls.all() else _CELLS
     if not rate[0] > 0.0 or count == 0:
         raise ModelError("the amplitude does not fall; a ring-down loses energy")
     rate, edges = rate[: count + 1], edges[: count + 1]
     weights = 0.5 * height * _WEIGHTS
-    reached = _summed((1.0 / between[:count]) @ weights)
-    own = [_summed((within[:count, :, i] / between[:count] ** 2) @ weights) for i in range(len(powers))]
+    reached = np.concatenate([[0.0], np.cumsum((1.0 / between[:count]) @ weights)])
     if reached[-1] < time[-1] and count < _CELLS:
         raise ModelError("the amplitude does not fall to the end of the record; a ring-down loses energy")
     moving = time <= reached[-1]
     level = np.full(len(time), edges[-1])
     level[moving] = CubicHermiteSpline(reached, edges, -rate)(time[moving])
-    now = _rates(level, powers) @ coefficients
-    integrals = [CubicHermiteSpline(edges[::-1], each[::-1], -slope[::-1])(level)
-                 for each, slope in zip(own, (at_edges[: count + 1] / rate[:, None] ** 2).T, strict=True)]  # fmt: skip
-    alive = moving.astype(float)
-    by_coefficients = -(now * alive)[:, None] * np.stack(integrals, axis=1)
-    return Course(level, alive * now / rate[0], by_coefficients)
+    return level
 
 
-def _rates(level: Array, powers: Sequence[Power]) -> Array:
-    """gᵢ (…, k) of unit coefficients at λ (…)."""
-    return np.stack([one.size * np.exp((one.degree - 1.0) * level) for one in powers], axis=-1)
-
-
-def _summed(cells: Array) -> Array:
-    return np.concatenate([[0.0], np.cumsum(cells)])
+def _rate(level: Array, coefficients: Array, powers: Sequence[Power]) -> Array:
+    """g at λ (…)."""
+    acting = zip(coefficients, powers, strict=True)
+    return np.asarray(sum(c * one.size * np.exp((one.degree - 1.0) * level) for c, one in acting))

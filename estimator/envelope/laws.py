@@ -52,12 +52,9 @@ class Law:
         return f"ȧ += -{self.size:.4g}*{self.coefficient.symbol}{omega}{amplitude}"
 
 
-def laws(own: Iterable[Effect] = (), asked: Iterable[str] = ()) -> Mapping[str, Law]:
-    """The effects of the catalogue, and those of one's `own`, that take energy as a power of the amplitude, by name; of
-    those that are tried on request the ones `asked` for.
-    """
-    wanted = set(asked)
-    every = (effect for effect in (*EFFECTS, *own) if not effect.on_request or effect.name in wanted)
+def laws(own: Iterable[Effect] = ()) -> Mapping[str, Law]:
+    """The effects of the catalogue, and those of one's `own`, that take energy as a power of the amplitude, by name."""
+    every = (effect for effect in (*EFFECTS, *own) if not effect.on_request)
     return {effect.name: law for effect in every if (law := _law_of(effect)) is not None}
 
 

@@ -7,10 +7,11 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.scaling import Array, Scaling
 from estimator.settings import Device
-from estimator.thresholds import THRESHOLDS
 
 DECIBEL = 20.0 / float(np.log(10.0))
 """Decibels of a factor e in amplitude."""
+FEWEST = 40
+"""Samples: a start, the damping and three laws, each from eight."""
 
 
 @dataclass(frozen=True)
@@ -28,9 +29,8 @@ class Envelope:
     def __post_init__(self) -> None:
         if len(self.time) != len(self.shown):
             raise ModelError(f"{len(self.shown)} amplitudes at {len(self.time)} times; give each its own")
-        if len(self.time) < THRESHOLDS.envelope.fewest:
-            fewest = THRESHOLDS.envelope.fewest
-            raise ModelError(f"{len(self.time)} samples of an envelope are too few; record at least {fewest}")
+        if len(self.time) < FEWEST:
+            raise ModelError(f"{len(self.time)} samples of an envelope are too few; record at least {FEWEST}")
         if not np.all(np.diff(self.time) > 0.0):
             raise ModelError("the times of an envelope do not increase; sort them")
         good = np.isfinite(self.shown) & (True if self.logarithmic else self.shown > 0.0)

@@ -97,13 +97,17 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES) -> Fitted
             return now
         information, score = now.posterior_information, now.score
         damped = information + damping * np.diag(np.diag(information))
+        theta, layout = now.model.theta, now.layout
+        # A parameter at a bound that the score would have it cross stays there.
+        free = ~((theta <= layout.least) & (score < 0.0) | (theta >= layout.most) & (score > 0.0))
+        step = np.zeros(len(theta))
         try:
-            step = np.linalg.solve(damped, score)
+            step[free] = np.linalg.solve(damped[np.ix_(free, free)], score[free])
         except np.linalg.LinAlgError:
             return now
         if 0.5 * float(score @ step) < SETTLED:
             return replace(now, converged=True)
-        theta = np.clip(now.model.theta + step, now.layout.least, now.layout.most)
+        theta = np.clip(theta + step, layout.least, layout.most)
         moved = at(of, now.layout, replace(now.model, theta=theta))
         if moved.objective > now.objective:
             now, damping = moved, damping / 10.0 if damping > 1e-3 else 0.0

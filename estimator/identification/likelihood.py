@@ -1,6 +1,6 @@
 """One pass of the filter over a record: innovations, their likelihood, and its derivatives by any parameters."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -241,6 +241,34 @@ def observer_of(problem: Problem, effects: Effects, noise: Noise | None, tested:
     return Observer(device, settings, watched=len(tested or {}), known=True)
 
 
+class Coefficient(Protocol):
+    """A number that an effect has; positive: no such effect has a negative one; is_shape: it says how the effect is,
+    and not how large.
+    """
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def unit(self) -> str: ...
+
+    @property
+    def positive(self) -> bool: ...
+
+    @property
+    def is_shape(self) -> bool: ...
+
+
+class Described(Protocol):
+    """What search, checks and report know of an effect; signals: what a pass has to carry for it."""
+
+    @property
+    def coefficients(self) -> Sequence[Coefficient]: ...
+
+    @property
+    def signals(self) -> Sequence[object]: ...
+
+
 class Likelihood(Protocol):
     """A record and the model that is held against it: all that fit, score test, search and checks know of either.
 
@@ -273,7 +301,7 @@ class Likelihood(Protocol):
     def layout(self, effects: Effects) -> Layout:
         """The parameters of the model with these effects, their priors and units."""
 
-    def effect(self, name: str) -> Effect:
+    def effect(self, name: str) -> Described:
         """Declaration of an effect, by its name with a label."""
 
     def plausible(self, name: str) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.diagnosis import Found, Interval
-from estimator.effects.declaration import name_of
+from estimator.effects.declaration import Effect, name_of
 from estimator.identification.checks import Evidence, covariance
 from estimator.identification.fit import FittedModel
 from estimator.trace.angle import AngleReader
@@ -39,6 +39,7 @@ def called(name: str, named: Iterable[str]) -> str:
 
 def found_of(name: str, evidence: Evidence, carried: Effects, reader: AngleReader) -> Found:
     model, effect = evidence.model, evidence.of.effect(name)
+    assert isinstance(effect, Effect)
     layout = model.layout
     spread = covariance(model)
     units = {c.name: c.unit for c in effect.coefficients} | {p.name: p.unit for p in effect.parameters}

@@ -25,7 +25,9 @@ def probabilities(
     other = 2.0 * (disturbed.log_likelihood - quiet.log_likelihood) - penalty if left else -penalty
     if not evidence.without:
         last = found.rounds[-1]
-        gains = {kind(score.name): score.robust - penalty for score in reversed(last.table)}
+        # That something is missing is as likely beforehand as that nothing is: the kinds share it.
+        share = 2.0 * float(np.log(max(len({kind(score.name) for score in last.table}), 1)))
+        gains = {kind(score.name): score.robust - penalty - share for score in reversed(last.table)}
         return (_classes(None, {"nothing": 0.0, "something else": other, **gains}),)
     classes = []
     for name, without in evidence.without.items():

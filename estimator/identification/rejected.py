@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from estimator.diagnosis import Interval, Rejected
+from estimator.effects.declaration import Effect
 from estimator.identification.ambiguity import Member
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.score_test import Score
@@ -53,9 +54,10 @@ def _bound(of: Likelihood, score: Score, scaling: Scaling) -> dict[str, Interval
     """Of each coefficient of which the record says anything, less what the plausible size of the effect says of it."""
     bound = {}
     wider = TWO_SIDED * float(np.sqrt(max(score.scatter, 1.0)))
-    of_effect = of.effect(score.name).coefficients
+    effect = of.effect(score.name)
+    assert isinstance(effect, Effect)
     plausible = of.plausible(score.name)
-    for c, size, deviation, likely in zip(of_effect, score.size, score.deviation, plausible, strict=True):
+    for c, size, deviation, likely in zip(effect.coefficients, score.size, score.deviation, plausible, strict=True):
         told = float(deviation**-2.0 - likely**-2.0)
         if not told > 0.0:
             continue

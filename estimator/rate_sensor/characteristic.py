@@ -3,7 +3,8 @@
 import numpy as np
 
 from estimator.core.series import play
-from estimator.rate_sensor.declaration import Coefficient, Effect, Range, Stage
+from estimator.identification.output_error import Size
+from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
 
@@ -22,7 +23,7 @@ QUADRATIC = Effect(
     name="quadratic",
     title="Quadratic characteristic",
     equation="Ω → Ω + q Ω²/R",
-    coefficients=(Coefficient("q", "1"),),
+    coefficients=(Size("q", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * rate**2 / declared.rate,
     starts=_small,
@@ -36,7 +37,7 @@ CUBIC = Effect(
     name="cubic",
     title="Cubic characteristic",
     equation="Ω → Ω + c Ω³/R²",
-    coefficients=(Coefficient("c", "1"),),
+    coefficients=(Size("c", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * rate**3 / declared.rate**2,
     starts=_small,
@@ -50,7 +51,7 @@ SCALE_ASYMMETRY = Effect(
     name="scale_asymmetry",
     title="Scale factor that depends on the sense of rotation",
     equation="Ω → Ω + a |Ω|",
-    coefficients=(Coefficient("a", "1"),),
+    coefficients=(Size("a", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * np.abs(rate),
     starts=_small,
@@ -69,7 +70,7 @@ DEAD_BAND = Effect(
     name="dead_band",
     title="Dead band around zero",
     equation="Ω → 0 within ±b, Ω ∓ b outside",
-    coefficients=(Coefficient("b", "rad/s"),),
+    coefficients=(Size("b", "rad/s", positive=True),),
     stage=Stage.CHARACTERISTIC,
     act=_dead,
     starts=lambda record, declared: ((0.01 * declared.rate,), (0.1 * declared.rate,)),
@@ -84,11 +85,12 @@ HYSTERESIS = Effect(
     name="hysteresis",
     title="Hysteresis",
     equation="Ω → play(Ω, w): follows at a distance of at most w",
-    coefficients=(Coefficient("w", "rad/s"),),
+    coefficients=(Size("w", "rad/s", positive=True),),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: play(rate, float(c[0])),
     starts=lambda record, declared: ((0.02 * declared.rate,),),
     bounds=lambda record, declared: ((0.0, 0.5 * declared.rate),),
+    path_dependent=True,
     source="IEEE Std 1431, hysteresis error; the play operator of Krasnosel'skii & Pokrovskii, 1989",
     undone="nothing: depends on the past of the rate",
     look_alikes={"dead_band": "approach the same rate from both sides"},
@@ -101,17 +103,18 @@ def _limits(record: SensorRecord, declared: Range) -> tuple[tuple[float, ...], .
     return ((low, high), (low + inside, high - inside))
 
 
-def _limit_bounds(record: SensorRecord, declared: Range) -> tuple[tuple[float, float], ...]:
+def _limit_bounds(record: SensorRecord, declared: Range, beyond: float = 0.02) -> tuple[tuple[float, float], ...]:
+    """Up to `beyond` of the span of what was read outside of it."""
     low, high = float(np.min(record.voltage)), float(np.max(record.voltage))
-    middle, span = 0.5 * (low + high), high - low
-    return ((low - 0.02 * span, middle), (middle, high + 0.02 * span))
+    middle, reach = 0.5 * (low + high), beyond * (high - low)
+    return ((low - reach, middle), (middle, high + reach))
 
 
 SATURATION = Effect(
     name="saturation",
     title="Saturation of the output",
     equation="V → lo below lo, hi above hi",
-    coefficients=(Coefficient("lo", "V"), Coefficient("hi", "V")),
+    coefficients=(Size("lo", "V"), Size("hi", "V")),
     stage=Stage.LIMIT,
     act=lambda volts, c, record, declared: np.clip(volts, c[0], c[1]),
     starts=_limits,
@@ -134,10 +137,10 @@ SOFT_SATURATION = Effect(
     title="Saturation of the output with a knee",
     equation="V → V − w_hi ln(1 + e^((V − hi)/w_hi)) + w_lo ln(1 + e^((lo − V)/w_lo))",
     coefficients=(
-        Coefficient("lo", "V"),
-        Coefficient("hi", "V"),
-        Coefficient("knee_lo", "V"),
-        Coefficient("knee_hi", "V"),
+        Size("lo", "V"),
+        Size("hi", "V"),
+        Size("knee_lo", "V", positive=True),
+        Size("knee_hi", "V", positive=True),
     ),
     stage=Stage.LIMIT,
     act=_soft,
@@ -153,6 +156,7 @@ SOFT_SATURATION = Effect(
     ),
     source="output stage whose transistors leave their linear range one after the other",
     undone="the curve is inverted up to its limits; beyond them the rate is not in the record",
+    generalises=("saturation",),
     look_alikes={"saturation": "rates close to the limit", "cubic": "rates beyond the range"},
 )
 
@@ -166,14 +170,16 @@ FOLD_BACK = Effect(
     name="fold_back",
     title="An output that comes back beyond its limits",
     equation="V → hi − s (V − hi) above hi, lo + s (lo − V) below lo",
-    coefficients=(Coefficient("lo", "V"), Coefficient("hi", "V"), Coefficient("s", "1")),
+    coefficients=(Size("lo", "V"), Size("hi", "V"), Size("s", "1", positive=True)),
     stage=Stage.LIMIT,
     act=_folded,
     starts=lambda record, declared: tuple(
         (*limits, slope) for limits in _limits(record, declared) for slope in (0.2, 1.0)
     ),
-    bounds=lambda record, declared: (*_limit_bounds(record, declared), (0.0, 3.0)),
+    # Its turning point may lie between the rates of a record.
+    bounds=lambda record, declared: (*_limit_bounds(record, declared, 0.25), (0.0, 3.0)),
     source="overload of the demodulator or of the closed loop: the gain changes its sign; IEEE Std 1431, input limits",
     undone="nothing: one voltage is that of two rates",
+    generalises=("saturation",),
     look_alikes={"saturation": "rates far beyond the limit", "cubic": "rates far beyond the limit"},
 )

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 
+from estimator.identification.output_error import Size
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
 
@@ -34,14 +35,6 @@ class Range:
     unit: str = "V"
 
 
-@dataclass(frozen=True)
-class Coefficient:
-    """A number an effect has; `unit` is its SI unit."""
-
-    name: str
-    unit: str
-
-
 Act = Callable[[Array, Array, SensorRecord, Range], Array]
 Transient = Callable[[Array, SensorRecord], Array]
 Starts = Callable[[SensorRecord, Range], tuple[tuple[float, ...], ...]]
@@ -55,13 +48,15 @@ class Effect:
     it (CHARACTERISTIC, SURROUNDINGS); lower, upper: bounds of the coefficients given the record and the range;
     starts: first values to refine from, several where the cost has several minima; needs: "time" (a record with a
     sampling interval), "temperature" (its channel) or nothing; transient(coefficients, record) → (n, k): what a
-    response adds that was not at rest where a stretch of the record begins, a column for each number that is unknown.
+    response adds that was not at rest where a stretch of the record begins, a column for each number that is unknown;
+    reaches(coefficients) → s, how far back a reading hangs on the rate, and on nothing before; path_dependent: a curve
+    all the same; generalises: effects that it is at a bound of its coefficients.
     """
 
     name: str
     title: str
     equation: str
-    coefficients: tuple[Coefficient, ...]
+    coefficients: tuple[Size, ...]
     stage: Stage
     act: Act
     starts: Starts
@@ -71,6 +66,25 @@ class Effect:
     needs: str = ""
     look_alikes: Mapping[str, str] = field(default_factory=dict)
     transient: Transient | None = None
+    reaches: Callable[[Array], float] | None = None
+    signals: tuple[()] = ()
+    path_dependent: bool = False
+    generalises: tuple[str, ...] = ()
+
+    @property
+    def equations(self) -> tuple[str, ...]:
+        """The one line."""
+        return (self.equation,)
+
+    @property
+    def is_curve(self) -> bool:
+        """Whether it is of the static curve."""
+        return (self.stage in (Stage.CHARACTERISTIC, Stage.LIMIT) and not self.needs) or self.path_dependent
+
+    @property
+    def is_linear(self) -> bool:
+        """Whether the volts are in proportion to its one coefficient."""
+        return self.stage in (Stage.CHARACTERISTIC, Stage.SURROUNDINGS) and not self.coefficients[0].positive
 
     def applies_to(self, record: SensorRecord) -> bool:
         """Whether the record has what the effect needs in order to be seen."""

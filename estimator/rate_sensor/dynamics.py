@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.signal import butter, cont2discrete, filtfilt, lfilter, ss2tf
 
-from estimator.rate_sensor.declaration import Coefficient, Effect, Range, Stage
+from estimator.identification.output_error import Size
+from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
 
@@ -40,10 +41,6 @@ def second_order(rate: Array, frequency: float, damping: float, step: float) -> 
     w = 2.0 * math.pi * frequency
     a = np.array([[0.0, 1.0], [-w * w, -2.0 * damping * w]])
     return _filtered(rate, a, np.array([[0.0], [w * w]]), np.array([[1.0, 0.0]]), step)
-
-
-def _quickest(record: SensorRecord) -> float:
-    return 0.5 * _step(record)
 
 
 def _longest(record: SensorRecord) -> float:
@@ -106,7 +103,7 @@ LAG = Effect(
     name="lag",
     title="First-order lag",
     equation="τ ẏ + y = Ω",
-    coefficients=(Coefficient("tau", "s"),),
+    coefficients=(Size("tau", "s", positive=True),),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: _each(
         record, rate, lambda part: first_order(part, float(c[0]), _step(record))
@@ -124,7 +121,7 @@ SECOND_ORDER = Effect(
     name="second_order",
     title="Second-order low-pass",
     equation="ÿ + 2ζω ẏ + ω² y = ω² Ω",
-    coefficients=(Coefficient("f", "Hz"), Coefficient("zeta", "1")),
+    coefficients=(Size("f", "Hz", positive=True), Size("zeta", "1", positive=True)),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: _each(
         record, rate, lambda part: second_order(part, float(c[0]), float(c[1]), _step(record))
@@ -135,6 +132,7 @@ SECOND_ORDER = Effect(
     source="bandwidth of a vibrating sensor, its demodulator and filter; IEEE Std 1431",
     undone="the filter is inverted, at the cost of noise",
     needs="time",
+    generalises=("lag",),
     look_alikes={"lag": "faster changes of the rate"},
 )
 
@@ -153,14 +151,16 @@ DELAY = Effect(
     name="delay",
     title="Delay",
     equation="Ω(t) → Ω(t − τ)",
-    coefficients=(Coefficient("delay", "s"),),
+    coefficients=(Size("delay", "s", positive=True),),
     stage=Stage.RATE,
     act=_delayed,
     starts=lambda record, declared: _times(record, 0.5, 5.0),
     bounds=_up_to_longest,
+    reaches=lambda c: float(c[0]),
     source="transport through a digital output",
     undone="the estimate is predicted over it",
     needs="time",
+    generalises=("lag",),
     look_alikes={"lag": "faster changes of the rate"},
 )
 
@@ -183,13 +183,14 @@ MOVING_MEAN = Effect(
     name="moving_mean",
     title="Moving mean",
     equation="Ω → (1/T) ∫ Ω dt over the last T",
-    coefficients=(Coefficient("T", "s"),),
+    coefficients=(Size("T", "s", positive=True),),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: _each(
         record, rate, lambda part: moving_mean(part, float(c[0]), _step(record))
     ),
     starts=lambda record, declared: _times(record, 3.0, 15.0),
     bounds=_up_to_longest,
+    reaches=lambda c: float(c[0]),
     source="digital output that averages: a comb filter of first order; Hogenauer 1981",
     undone="nothing: its zeros take rates at multiples of 1/T out of the record",
     needs="time",
@@ -208,7 +209,7 @@ REFERENCE_LAG = Effect(
     name="reference_lag",
     title="First-order lag of the reference",
     equation="Ω = r + τr ṙ of the reference's reading r",
-    coefficients=(Coefficient("tau_r", "s"),),
+    coefficients=(Size("tau_r", "s", positive=True),),
     stage=Stage.REFERENCE,
     act=_lead,
     starts=lambda record, declared: _times(record, 1.0),
@@ -234,7 +235,7 @@ REFERENCE_NOISE = Effect(
     name="reference_noise",
     title="Noise of the reference",
     equation="Ω = the part of the reading below f_r, without phase",
-    coefficients=(Coefficient("f_r", "Hz"),),
+    coefficients=(Size("f_r", "Hz", positive=True),),
     stage=Stage.REFERENCE,
     act=_quiet,
     starts=lambda record, declared: ((0.1 / _step(record),), (0.2 / _step(record),)),

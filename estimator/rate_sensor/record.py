@@ -44,6 +44,12 @@ class SensorRecord:
     def __len__(self) -> int:
         return len(self.rate)
 
+    def upto(self, samples: int) -> "SensorRecord":
+        """The first samples only."""
+        temperature = None if self.temperature is None else self.temperature[:samples]
+        number = None if self.number is None else self.number[:samples]
+        return SensorRecord(self.rate[:samples], self.voltage[:samples], self.step, temperature, number)
+
     @property
     def time(self) -> Array:
         """Time of each sample (n,) from the first, s; for steady states their number."""

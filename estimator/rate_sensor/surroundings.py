@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from estimator.rate_sensor.declaration import Coefficient, Effect, Range, Stage
+from estimator.identification.output_error import Size
+from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
 
@@ -20,7 +21,7 @@ DRIFT = Effect(
     name="drift",
     title="Drift of the offset",
     equation="V → V + r t",
-    coefficients=(Coefficient("r", "V/s"),),
+    coefficients=(Size("r", "V/s"),),
     stage=Stage.SURROUNDINGS,
     act=lambda volts, c, record, declared: c[0] * (record.time - np.mean(record.time)),
     starts=_zero,
@@ -35,7 +36,7 @@ TEMPERATURE_OFFSET = Effect(
     name="temperature_offset",
     title="Offset that moves with the temperature",
     equation="V → V + b (T − T̄)",
-    coefficients=(Coefficient("b", "V/K"),),
+    coefficients=(Size("b", "V/K"),),
     stage=Stage.SURROUNDINGS,
     act=lambda volts, c, record, declared: c[0] * _warmth(record),
     starts=_zero,
@@ -50,7 +51,7 @@ TEMPERATURE_SCALE = Effect(
     name="temperature_scale",
     title="Scale factor that moves with the temperature",
     equation="Ω → Ω (1 + s (T − T̄))",
-    coefficients=(Coefficient("s", "1/K"),),
+    coefficients=(Size("s", "1/K"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * _warmth(record) * rate,
     starts=_zero,

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.rate_sensor.trace import SensorDiagnosis
+from estimator.diagnosis import Diagnosis, Residual
 from evaluation.measured.oscillator import imported
 from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from hil.bench import RateSensorBench, examples, load_any_bench
@@ -25,7 +25,7 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
         capture, found = _traced(data / "step_50dps.csv", work, sensor, f"rate-table-{sensor}-step")
         rows.append(_row(sensor, "step, other blocks", found, 1e3, "mV"))
         effects = [effect.name for effect in found.effects]
-        errors = (1e3 * rms(found.residual_before), 1e3 * rms(found.residual_after))
+        errors = (1e3 * _whole(found.residual_before), 1e3 * _whole(found.residual_after))
         rows.append(
             MeasuredRow(
                 FOLDER, f"{sensor} step, whole", "rms of the output", "mV", *errors, found.verdict.value, effects
@@ -47,14 +47,20 @@ def steady(table: Path, work: Path, say: Say) -> tuple[list[MeasuredRow], list[s
     return rows, words
 
 
-def _traced(source: Path, work: Path, sensor: str, map_name: str) -> tuple[Capture, SensorDiagnosis]:
+def _traced(source: Path, work: Path, sensor: str, map_name: str) -> tuple[Capture, Diagnosis]:
     capture = imported(source, work, map_name)
     bench = load_any_bench(examples.find("bench", f"rate-table-{sensor}"))
     assert isinstance(bench, RateSensorBench)  # the example says axes = 0
     return capture, trace_rate_sensor(work / f"{map_name}-{source.name.partition('.')[0]}.arrow", bench)
 
 
-def _row(sensor: str, split: str, found: SensorDiagnosis, factor: float, unit: str) -> MeasuredRow:
+def _whole(residual: Residual) -> float:
+    """Rms of what the record tells."""
+    left = residual.innovation[:, 0]
+    return rms(left[np.isfinite(left)])
+
+
+def _row(sensor: str, split: str, found: Diagnosis, factor: float, unit: str) -> MeasuredRow:
     before, after = found.held_out_before.innovation_rms[0], found.held_out_after.innovation_rms[0]
     effects = [effect.name for effect in found.effects]
     verdict = found.verdict.value
@@ -63,7 +69,7 @@ def _row(sensor: str, split: str, found: SensorDiagnosis, factor: float, unit: s
     )
 
 
-def _described(title: str, found: SensorDiagnosis) -> str:
+def _described(title: str, found: Diagnosis) -> str:
     lines = [f"{title}: {found.verdict.value}.", ""]
     for effect in found.effects:
         parts = [
@@ -77,11 +83,12 @@ def _described(title: str, found: SensorDiagnosis) -> str:
     return "\n".join(lines)
 
 
-def _panel(sensor: str, capture: Capture, found: SensorDiagnosis) -> Panel:
-    moving = np.flatnonzero(np.abs(np.diff(found.residual_before)) > 6.0 * np.median(np.abs(found.residual_before)))
+def _panel(sensor: str, capture: Capture, found: Diagnosis) -> Panel:
+    was, now = (one.innovation[:, 0] for one in (found.residual_before, found.residual_after))
+    moving = np.flatnonzero(np.abs(np.diff(was)) > 6.0 * np.median(np.abs(was)))
     start = max(int(moving[0]) - 40, 0) if moving.size else 0
     rows = slice(start, start + 200)
-    curves = [("error before", found.residual_before), ("error after", found.residual_after)]
+    curves = [("error before", was), ("error after", now)]
     return Panel(
         f"rate-table-{sensor}", f"{sensor.upper()}, step to 50 °/s: output against the model", capture.t_s[rows],
         "time, s", [(label, 1e3 * series[rows]) for label, series in curves], "mV",

@@ -3,13 +3,14 @@
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from estimator.diagnosis import Diagnosis
 from estimator.errors import ModelError
 from estimator.rate_sensor.agreement import Line
 from estimator.rate_sensor.declaration import Range
-from estimator.rate_sensor.model import Rows
 from estimator.rate_sensor.record import SensorRecord
-from estimator.rate_sensor.trace import SensorDiagnosis, alternate_blocks, trace_sensor
+from estimator.rate_sensor.trace import alternate_blocks, trace_sensor
 from hil.bench import RateSensorBench
 from hil.bench.rate_sensor import RateSensor
 from hil.bench.ratio import slip
@@ -21,7 +22,7 @@ _OFFSET = 0.1  # of what full rate adds, where no tolerance of the offset is dec
 _RATE = 1e-2  # relative, of the sampling rate: stamps of a logger are no better
 
 
-def trace_rate_sensor(capture: Path, bench: RateSensorBench) -> SensorDiagnosis:
+def trace_rate_sensor(capture: Path, bench: RateSensorBench) -> Diagnosis:
     """Trace the record at `capture`; its segments `train` and `test` split it, else alternate blocks of 4 samples.
 
     Raises InputError when the record is not one of a rate sensor, or cannot be traced.
@@ -74,7 +75,7 @@ def sensor_record(record: Capture, place: Path) -> SensorRecord:
     return SensorRecord(record.rate_rad_s, record.sense_V[:, 0], step, record.temp_C, record.tick)
 
 
-def fitting_rows(record: Capture) -> Rows:
+def fitting_rows(record: Capture) -> NDArray[np.bool_]:
     """The rows to fit; the others are scored."""
     segments = record.segments
     if {"train", "test"} <= set(segments):

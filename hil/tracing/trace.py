@@ -10,7 +10,6 @@ import numpy as np
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.missing_force.result import MissingForce
-from estimator.scaling import Array
 from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
@@ -32,7 +31,7 @@ from hil.replaying.replay import require_fit
 from hil.tracing.also import effects_asked, not_tried
 from hil.tracing.envelope import trace_ring_down
 from hil.tracing.parts import Part, moving, parts_of, sample_of
-from hil.tracing.rate_sensor import fitting_rows, sensor_remarks, trace_rate_sensor
+from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor
 from hil.tracing.time_left import TimeLeft
 
 _CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped
@@ -214,33 +213,9 @@ def _trace_sensor(
     progress(Progress("effects", 0, 0))
     found = interruptible(lambda: trace_rate_sensor(capture, bench))
     captured = read_capture(capture)
-    fitted = int(np.sum(fitting_rows(captured)))
-    nothing: Array = np.zeros(0)
-
-    def residual(volts: Array) -> traced.Residual:
-        return traced.Residual(volts[:, None], nothing, nothing[:, None])
-
-    answer = traced.Diagnosis(
-        verdict=found.verdict,
-        effects=found.effects,
-        separations=found.separations,
-        rejected=found.rejected,
-        findings=(),
-        before=found.before,
-        after=found.after,
-        held_out_before=found.held_out_before,
-        held_out_after=found.held_out_after,
-        residual_before=residual(found.residual_before),
-        residual_after=residual(found.residual_after),
-        split=fitted,
-        reasons=found.reasons,
-        share=found.share,
-        probabilities=found.probabilities,
-        base=found.base,
-    )
     said = (*captured.prepared, *sensor_remarks(captured))
     diagnosis = to_model(
-        answer, record=called(capture), bench=bench.device.name, sense_unit=bench.device.unit, prepared=said
+        found, record=called(capture), bench=bench.device.name, sense_unit=bench.device.unit, prepared=said
     )
     folder = make_run_folder(out, name)
     write_sealed(folder / "bench.toml", source.read_text(encoding="utf-8"))

@@ -8,7 +8,7 @@ import sympy as sp
 from scipy.integrate import solve_ivp
 
 from estimator.effects.declaration import Coefficient, Effect, Undone
-from estimator.envelope.course import Power, course
+from estimator.envelope.course import Power, level_at
 from estimator.envelope.laws import laws
 from estimator.errors import ModelError
 from estimator.model.gyro import vx, x
@@ -65,39 +65,27 @@ def solved(coefficients, start):
 
 @pytest.mark.moderate
 def test_the_course_is_that_of_the_equation_solved_by_steps():
-    found = course(TIME, START, COEFFICIENTS, POWERS, LOWEST)
+    found = level_at(TIME, START, COEFFICIENTS, POWERS, LOWEST)
     amplitude = solved(COEFFICIENTS, START)
     moving = amplitude > 1e-4
     assert moving.sum() > 200
-    np.testing.assert_allclose(np.exp(found.level)[moving], amplitude[moving], rtol=1e-6)
-    for place in range(len(POWERS)):
-        nudge = 1e-5 * COEFFICIENTS[place] * np.eye(len(POWERS))[place]
-        up, down = (solved(COEFFICIENTS + sign * nudge, START) for sign in (1.0, -1.0))
-        slope = (np.log(up[moving]) - np.log(down[moving])) / (2.0 * nudge[place])
-        np.testing.assert_allclose(
-            found.by_coefficients[moving, place], slope, rtol=1e-3, atol=1e-4 * np.abs(slope).max()
-        )
-    up, down = (solved(COEFFICIENTS, START + sign * 1e-4) for sign in (1.0, -1.0))
-    np.testing.assert_allclose(found.by_start[moving], (np.log(up / down)[moving]) / 2e-4, rtol=1e-3, atol=1e-3)
+    np.testing.assert_allclose(np.exp(found)[moving], amplitude[moving], rtol=1e-6)
 
 
 def test_friction_brings_a_motion_to_rest_where_it_stays():
-    found = course(TIME, 0.0, np.array([0.0, 2e-3]), POWERS[:2], LOWEST)
+    found = level_at(TIME, 0.0, np.array([0.0, 2e-3]), POWERS[:2], LOWEST)
     ends = math.pi / 2 / 2e-3  # a = 1 − (2/π) f t
-    np.testing.assert_allclose(
-        np.exp(found.level[0.99 * ends > TIME]), 1.0 - TIME[0.99 * ends > TIME] / ends, rtol=1e-9
-    )
-    assert np.all(found.level[ends < TIME] == LOWEST)
-    assert np.all(found.by_start[ends < TIME] == 0.0)
+    np.testing.assert_allclose(np.exp(found[0.99 * ends > TIME]), 1.0 - TIME[0.99 * ends > TIME] / ends, rtol=1e-9)
+    assert np.all(found[ends < TIME] == LOWEST)
 
 
 @pytest.mark.parametrize("damping", [-1e-3, 0.0])
 def test_what_does_not_fall_is_no_ring_down(damping):
     with pytest.raises(ModelError, match="ring-down"):
-        course(TIME, 0.0, np.array([damping]), POWERS[:1], LOWEST)
+        level_at(TIME, 0.0, np.array([damping]), POWERS[:1], LOWEST)
 
 
 def test_what_falls_to_a_level_and_stays_there_is_none_either():
     """A cycle that sustains itself: negative damping, and more of it at large amplitude."""
     with pytest.raises(ModelError, match="to the end of the record"):
-        course(TIME, 0.0, np.array([-2e-2, 0.2]), [POWERS[0], POWERS[3]], LOWEST)
+        level_at(TIME, 0.0, np.array([-2e-2, 0.2]), [POWERS[0], POWERS[3]], LOWEST)

@@ -1,18 +1,16 @@
 """Links of a rate sensor's chain, each beside its equation."""
 
 import math
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from estimator.errors import ModelError
-from estimator.rate_sensor import chain_model, trace
 from estimator.rate_sensor.catalogue import EFFECTS, effect_for
+from estimator.rate_sensor.chain import volts_of
 from estimator.rate_sensor.declaration import Range, Stage
 from estimator.rate_sensor.dynamics import second_order
-from estimator.rate_sensor.model import Chain, straight_line
 from estimator.rate_sensor.record import SensorRecord
 
 DECLARED = Range(3.0, 0.5)
@@ -25,8 +23,8 @@ RECORD = SensorRecord(RATE, 0.1 + RATE / 6.0, STEP, WARM)
 
 def volts(name: str, *coefficients: float, rate: Any = RATE) -> Any:
     record = SensorRecord(rate, 0.1 + rate / 6.0, STEP, WARM)
-    chain = Chain((effect_for(name),), record, DECLARED)
-    return chain.volts(np.array([0.1, 1.0 / 6.0, *coefficients])) - (0.1 + rate / 6.0)
+    given = [(effect_for(name), np.array(coefficients))]
+    return volts_of(given, np.array([0.1, 1.0 / 6.0]), record, DECLARED) - (0.1 + rate / 6.0)
 
 
 def test_time_is_in_seconds_or_in_steady_states() -> None:
@@ -70,29 +68,3 @@ def test_an_unknown_effect_is_told_with_those_that_are() -> None:
         effect_for("wobble")
     for effect in EFFECTS:
         assert effect.name in str(refusal.value)
-
-
-def test_a_perfect_fit_has_a_gain_however_large() -> None:
-    current: Any = SimpleNamespace(cost=1.0)
-    perfect: Any = SimpleNamespace(cost=0.0, unknowns=3)
-    assert chain_model._gain(current, perfect, 50.0) == pytest.approx(47.0 * 300.0 * math.log(10.0))
-    assert chain_model._gain(perfect, perfect, 50.0) == 0.0
-
-
-def test_an_interval_of_few_independent_samples_is_wide_and_finite() -> None:
-    rows = np.ones(N, dtype=bool)
-    noisy = SensorRecord(RATE, 0.1 + RATE / 6.0 + 1e-3 * np.cos(np.arange(N)), STEP)
-    line = straight_line(noisy, DECLARED, rows)
-    few, many = line.half_widths(rows, 2.0), line.half_widths(rows, float(N))
-    assert np.all(np.isfinite(few))
-    assert np.all(few > 3.0 * many)
-
-
-def test_what_leaves_nothing_is_white() -> None:
-    rows = np.ones(40, dtype=bool)
-    fitted: Any = SimpleNamespace(residual=np.zeros(40), rms=lambda rows: 0.0)
-    assert trace._score(fitted, rows, 1e-3, "").whiteness_p == 1.0
-    alternating: Any = SimpleNamespace(residual=np.tile([1.0, -1.0], 20), rms=lambda rows: 1.0)
-    assert trace._score(alternating, rows, 1e-3, "").whiteness_p < 1e-6
-    five = np.arange(40) < 5  # one lag
-    assert trace._score(alternating, five, 1e-3, "").whiteness_p < 0.2

@@ -10,11 +10,11 @@ import pytest
 from scipy.signal import lsim
 
 import hil
-from estimator.diagnosis import Interval, Verdict
+from estimator.diagnosis import Diagnosis, Interval, Verdict
 from estimator.rate_sensor.agreement import Line, against
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.record import SensorRecord
-from estimator.rate_sensor.trace import SensorDiagnosis, alternate_blocks, trace_sensor
+from estimator.rate_sensor.trace import alternate_blocks, trace_sensor
 from hil.bench.ratio import slip
 from hil.errors import InputError
 
@@ -104,7 +104,7 @@ def test_another_rate_or_unit_is_refused(tmp_path: Path) -> None:
 # -- what a response needs --------------------------------------------------------------------------------------------
 
 
-def behind(tau: float, step: float, seconds: float, *, lost: tuple[int, int] = (0, 0)) -> SensorDiagnosis:
+def behind(tau: float, step: float, seconds: float, *, lost: tuple[int, int] = (0, 0)) -> Diagnosis:
     """A lag, long before its record begins, by SciPy on a grid 16 times finer."""
     fine = np.arange(-30.0, seconds, step / 16)
     _, felt, _ = lsim(([1.0], [tau, 1.0]), turned(fine), fine - fine[0])

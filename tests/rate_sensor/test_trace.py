@@ -76,8 +76,8 @@ def test_a_straight_line_is_adequate():
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [78, 151, 160])
 def test_what_chance_makes_of_a_few_points_is_no_residual(seed):
-    """A straight line of which an effect explains more than its price by chance, as on 5 of 300 such tables: held out
-    it explains nothing, and nothing is left that it would have to explain.
+    """A straight line of which an effect explains more than its price by chance, as on 5 of 300 such tables: no more
+    than the best of so many kinds may.
     """
     rates = DECLARED.rate * np.concatenate([np.linspace(-0.9, 0.9, 42), np.linspace(-1, 1, 21)])
     noise = 2e-3 * np.random.default_rng(seed).standard_normal(63)
@@ -85,7 +85,7 @@ def test_what_chance_makes_of_a_few_points_is_no_residual(seed):
     found = trace_sensor(record, DECLARED, 2e-3, np.arange(63) < 42)
     assert found.verdict is Verdict.ADEQUATE
     assert not found.effects
-    assert any("part held out the residual rose" in one.reason for one in found.rejected)
+    assert any("no more than chance" in one.reason for one in found.rejected)
 
 
 @pytest.mark.moderate
@@ -94,7 +94,7 @@ def test_what_only_the_held_out_part_shows_is_unexplained():
     found = trace_sensor(record, DECLARED, 1e-4, fitting)
     assert found.verdict is Verdict.UNEXPLAINED
     assert not found.effects
-    assert "beyond those of the fitting part" in found.reasons[0]
+    assert any("beyond those of the fitting part" in reason for reason in found.reasons)
 
 
 @pytest.mark.moderate

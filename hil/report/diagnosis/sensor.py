@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.rate_sensor.trace import SensorDiagnosis
+from estimator import diagnosis as traced
 from estimator.scaling import Array
 from hil.numbers import count, counted, unit_for
 from hil.records.diagnosis import Diagnosis
@@ -14,7 +14,7 @@ from hil.report.numbering import Figures
 from hil.report.theme import FIRST, INK, SECOND, legend, new_figure
 
 
-def write_sensor_report(folder: Path, found: SensorDiagnosis, diagnosis: Diagnosis, rate_rad_s: Array) -> Path:
+def write_sensor_report(folder: Path, found: traced.Diagnosis, diagnosis: Diagnosis, rate_rad_s: Array) -> Path:
     """Write `folder/report.html`, whole or not at all, and return its path. rate_rad_s (n,): the reference."""
     figures = Figures()
     pictures = Pictures(error=figures.add(lambda: draw(found, rate_rad_s, diagnosis.sense_unit)))
@@ -23,14 +23,15 @@ def write_sensor_report(folder: Path, found: SensorDiagnosis, diagnosis: Diagnos
     return write_page(folder, diagnosis, pictures, record, length, declarable=False)
 
 
-def draw(found: SensorDiagnosis, rate_rad_s: Array, unit: str = "V") -> Drawing:
+def draw(found: traced.Diagnosis, rate_rad_s: Array, unit: str = "V") -> Drawing:
     """What the model leaves of the output, in its unit, against the rate."""
-    factor, named = unit_for(float(np.max(np.abs(found.residual_before))), unit)
+    was, now = (one.innovation[:, 0] for one in (found.residual_before, found.residual_after))
+    factor, named = unit_for(float(np.nanmax(np.abs(was))), unit)
     figure = new_figure(2.7)
     ax = figure.subplots()
-    drawn = [(found.residual_before, FIRST, "residual")]
+    drawn = [(was, FIRST, "residual")]
     if found.effects:
-        drawn = [(found.residual_before, SECOND, "before"), (found.residual_after, FIRST, "after")]
+        drawn = [(was, SECOND, "before"), (now, FIRST, "after")]
     size = 4.0 if len(rate_rad_s) < 200 else 2.0
     for residual, colour, name in drawn:
         ax.plot(np.degrees(rate_rad_s), residual * factor, ".", color=colour, markersize=size, label=name)
