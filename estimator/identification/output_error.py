@@ -289,7 +289,7 @@ class OutputError:
             return self.evaluate(layout, with_force(value), derivatives=False).log_likelihood
 
         least, most = self._decades()
-        return with_force(level(of, least, (least, most), CLOSE))
+        return with_force(level(of, 0.5 * (least + most), (least, most), CLOSE))
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
         """The model without a walk, and with the one that the record asks for: none, where what is left is no more
