@@ -126,6 +126,24 @@ def test_the_trend_of_a_figure_is_drawn_over_the_runs_of_a_device(runs: BenchPag
     expect(page.locator("#device canvas")).to_be_visible()
 
 
+def test_a_figure_that_was_asked_for_before_does_not_replace_the_one_that_was_chosen_since(runs: BenchPage) -> None:
+    page, late = runs.page, []
+    page.get_by_role("link", name="Devices").click()
+    page.route(re.compile(r"/trend\?"), lambda asked: late.append(asked))
+    page.get_by_role("link", name=re.compile("[0-9a-f]{16}")).click()
+    runs.eventually(lambda: len(late) == 1)
+    page.get_by_label("Trend of").select_option("innovation_rms")
+    runs.eventually(lambda: len(late) == 2)
+    assert "innovation_rms" in late[1].request.url
+    assert "innovation_rms" not in late[0].request.url
+    late[1].continue_()
+    values = page.locator("#device tbody td")
+    expect(values).to_have_text([re.compile("V$")] * 2)
+    late[0].continue_()
+    page.wait_for_timeout(1000)  # nothing tells of an answer that is not used
+    expect(values).to_have_text([re.compile("V$")] * 2)
+
+
 def test_an_address_opens_the_view_it_names(browser: Browser, service: Serving) -> None:
     with BenchPage.opened(browser, service) as page:
         run = page.api("GET", "/api/runs")["runs"][0]

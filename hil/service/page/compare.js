@@ -19,19 +19,25 @@ export class Compare {
     this.host = byId("view-compare");
     /** @type {Chart[]} */
     this.charts = [];
+    /** @type {AbortController | null} of the pair that is shown: the answer for another comes too late */
+    this.asked = null;
   }
 
   /** @param {string} [a] @param {string} [b] */
   async show(a = "", b = "") {
     this.hide();
+    this.asked?.abort();
+    this.asked = new AbortController();
+    const { signal } = this.asked;
     if (!a || !b) {
       fill(this.host, make("h1", {}, "Compare"), make("p", { class: "note" }, "Choose two runs in the ", make("a", { href: "#/runs" }, "list of runs"), "."));
       return;
     }
     try {
-      const answer = await get(`/api/compare${query({ a, b })}`);
+      const answer = await get(`/api/compare${query({ a, b })}`, signal);
       await this.draw(a, b, answer);
     } catch (error) {
+      if (signal.aborted) return;
       fill(this.host, make("h1", {}, "Compare"), make("p", { class: "note" }, "These two cannot be compared."));
       complain(error);
     }
