@@ -136,6 +136,7 @@ class Loop(ABC):
         self._limits = bench.limits
         self._duration_s = bench.loop.duration_s
         self._lockstep = bench.loop.clock == "lockstep"
+        self._watchdog_ticks = round(registers["WATCHDOG_TICKS"])
         self._timeout_s = bench.link.timeout_s
         self._board = ArmedBoard(endpoint, identity, bench, self.DRIVE, registers)
         self._slice_s = self._board.slice_s
@@ -321,8 +322,10 @@ class Loop(ABC):
                 f"{count(skipped)}; correct its firmware"
             )
         if self._lockstep:
-            # Without a frame there was no answer to it: an emulated line that lost it lets the board go on by itself.
-            if not counters.rearmed and tick - self._first > (self._drives + frames) * self._block:
+            # An emulated line that loses a frame lets its tick pass without an answer, as it would on wall time; a
+            # board that gets none for as long as its watchdog waits is SAFE.
+            unanswered = missing - stopped > self._watchdog_ticks
+            if not counters.rearmed and (unanswered or tick - self._first > (self._drives + frames) * self._block):
                 raise ProtocolError(
                     f"{self._name}: the board's tick jumped from {before} to {tick} in lockstep, after "
                     f"{counted(self._drives, 'drive')}, each of which lets it go on by {self._block}; correct its "

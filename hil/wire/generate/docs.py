@@ -198,6 +198,7 @@ what no board that keeps to this page says, ends the run, with SAFE and a line t
 | STATUS of SAFE with NONE, or a reason that is not on this page | ends the run; no answer to a SAFE that latches |
 | the reason in a STATUS of another state | not looked at |
 | IDENTITY after ARM | ends the run: it answers HELLO only, so another host has greeted the board |
+| SENSE, lockstep: a tick that no drive let pass | lost with its frame; else, or beyond WATCHDOG_TICKS, ends the run |
 | SENSE, force mode: after RUNNING, not the drive sent for that interval | ends the run, if another row follows |
 | SENSE, gain mode: a matrix that cannot be in force, or 0 after one | ends the run, if another block follows |
 | SENSE, board mode: a drive beyond DRIVE_LIMIT, or one that was not permitted | ends the run |
