@@ -1,29 +1,26 @@
 """Effects that a record cannot tell apart: in place of one another they make it as probable."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
-from estimator.identification.fit import FittedModel, settle
+from estimator.identification.exchange import Exchange, exchange_test
+from estimator.identification.fit import FittedModel, at, settle
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.score_test import Score
-from estimator.identification.search import scored, with_effect, without_effect
+from estimator.identification.search import impossible, joined, reduced
 from estimator.side_by_side import side_by_side
 from estimator.trace.candidates import kind
 
 TIE = 9.0
 """Of twice the log-likelihood: odds of a hundred to one, below which two accounts are told together."""
 BEYOND = 20.0
-"""Times that, by which an effect may be behind by its likeness alone and is still fitted: it is of one place."""
-SWAPS = 3
-"""Effects that are replaced in a search: a fourth would be a circle."""
-RIVALS = 4
-"""Members of a group that are looked for."""
+"""Times that, by which a candidate may be behind on the parabola and is still fitted: it is of one place."""
 
 
 @dataclass(frozen=True)
 class Member:
     """An effect in place of one of a model's: its likeness to it, the model with it, and by how much that one's
-    standing is less.
+    criterion is less.
     """
 
     name: str
@@ -33,46 +30,47 @@ class Member:
 
 
 def exchanged(of: Likelihood, best: FittedModel) -> tuple[FittedModel, dict[str, list[Member]]]:
-    """The model with each of its effects replaced by the one that stands best in its place, and the groups: members
-    that the record cannot tell from each.
+    """The model with each of its effects replaced by the one with the largest criterion in its place, and the groups:
+    members that the record cannot tell from each.
     """
-    groups: dict[str, list[Member]] = {}
-    swaps = 0
-    while names := [name for name in best.model.effects if name not in of.effects and name not in groups]:
-        found = members(of, best, names[0])
-        if found and found[0].deficit < 0.0 and swaps < SWAPS:
-            best, swaps, groups = found[0].model, swaps + 1, {}
-        else:
-            groups[names[0]] = [member for member in found if member.deficit < TIE]
-    return best, groups
+    while True:
+        groups = members(of, best)
+        found = min(
+            (member for group in groups.values() for member in group), key=lambda one: one.deficit, default=None
+        )
+        if found is None or found.deficit >= 0.0:
+            return best, {name: [one for one in group if one.deficit < TIE] for name, group in groups.items()}
+        best = found.model
 
 
-def members(of: Likelihood, best: FittedModel, name: str) -> list[Member]:
-    """Effects that may explain the record as well in place of `name`, each fitted; the best first."""
-    without = without_effect(of, best, name)
-    kinds = {kind(one) for one in best.model.effects} - {kind(name)}
-    tested = {
-        other: given
-        for other, given in of.candidates(without.model, without.evaluation).items()
-        if kind(other) not in kinds and kind(other) != kind(name)
-    }
-    reference = {name: best.layout.effects_of(best.model)[name]}
-    gain = best.criterion - without.criterion
-    alike: dict[str, Score] = {}
-    for score in scored(of, without, tested, reference)[-1]:
-        # On a parabola, what explains a share of a signature loses the rest of what that gains.
-        near_enough = gain * (1.0 - score.likeness**2) < BEYOND * TIE
-        known = alike.get(kind(score.name))
-        if near_enough and (known is None or score.likeness > known.likeness):
-            alike[kind(score.name)] = score
-    near = sorted(alike.values(), key=lambda score: -score.likeness)[:RIVALS]
-    fitted = side_by_side([partial(_settled, of, without, score) for score in near])
-    found = [
-        Member(score.name, score.likeness, one, best.criterion - one.criterion)
-        for score, one in zip(near, fitted, strict=True)
-    ]
-    return sorted(found, key=lambda member: member.deficit)
+def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
+    """For each effect those that may explain the record as well in its place, each fitted; the best first."""
+    names = [name for name in best.model.effects if name not in of.effects]
+    if not names:
+        return {}
+    known = replace(best.model, effects=best.layout.effects_of(best.model))
+    tests = exchange_test(of, best, of.candidates(known, best.evaluation), names)
+    kinds = {name: {kind(one) for one in best.model.effects if one != name} | {kind(name)} for name in names}
+    pairs = [(name, exchange) for name in names for exchange in _first_of_each_kind(tests[name], kinds[name])]
+    fitted = side_by_side([partial(_exchanged, of, best, name, exchange) for name, exchange in pairs])
+    groups: dict[str, list[Member]] = {name: [] for name in names}
+    for (name, exchange), one in zip(pairs, fitted, strict=True):
+        if one.evaluation.sound and not impossible(of, exchange.name, one):
+            groups[name].append(Member(exchange.name, exchange.likeness, one, best.criterion - one.criterion))
+    return {name: sorted(group, key=lambda member: member.deficit) for name, group in groups.items()}
 
 
-def _settled(of: Likelihood, without: FittedModel, score: Score) -> FittedModel:
-    return settle(of, with_effect(of, without, score))
+def _first_of_each_kind(exchanges: list[Exchange], taken: set[str]) -> list[Exchange]:
+    found: dict[str, Exchange] = {}
+    for one in exchanges:
+        if one.loss < BEYOND * TIE and kind(one.name) not in taken:
+            found.setdefault(kind(one.name), one)
+    return list(found.values())
+
+
+def _exchanged(of: Likelihood, best: FittedModel, name: str, exchange: Exchange) -> FittedModel:
+    """The model with a candidate in place of an effect, fitted from where the parabola has its top."""
+    layout, model = reduced(of, best, name, exchange.theta)
+    less = replace(best, layout=layout, model=model)
+    score = Score(exchange.name, -exchange.loss, exchange.size, exchange.size, 1.0, exchange.given)
+    return settle(of, at(of, *joined(of, less, score)))

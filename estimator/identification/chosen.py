@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from estimator.identification.ambiguity import Member, exchanged
-from estimator.identification.fit import FittedModel, at, finished, settle
+from estimator.identification.fit import FittedModel, at, finished, maximise, settle
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.search import Search, search
 
@@ -43,8 +43,8 @@ def choose(of: Likelihood, progress: Callable[[str, int, int], None]) -> Chosen:
     best, groups = exchanged(searched, found.best)
     before = found.base
     if fitted.samples > searched.samples:
-        before, best = (finished(fitted, settle(fitted, at(fitted, one.layout, one.model))) for one in (before, best))
-    return Chosen(fitted, found, before, best, groups)
+        before, best = (settle(fitted, at(fitted, one.layout, one.model)) for one in (before, best))
+    return Chosen(fitted, found, before, maximise(fitted, best), groups)
 
 
 def freed(of: Likelihood, followed: FittedModel) -> FittedModel:

@@ -1,6 +1,6 @@
 """The likelihood of a driven gyro or oscillator: innovations of its filter."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,8 +31,8 @@ RATE_DECADES = 2.0
 """Above the declared random walk of the rate.  Not below: the rate may do later what it did not do yet."""
 CLOSE, ROUGH = 0.5, 1.0
 """Decades to which a level is found: the likelihood of any parameter is flat beside that."""
-BEGINNING = 6_000
-"""Samples that tell a level to a decade."""
+WINDOWS, WINDOW = 3, 2_000
+"""Parts of a record, and samples of each, that tell a level to a decade."""
 QUIET = 1e-9
 """Of the scaled units: a random force or rate that is none."""
 
@@ -137,8 +137,8 @@ class Filtered:
         return Noise((1.0,) * device.axes, QUIET * device.amplitude * omega**1.5, QUIET * omega**1.5)
 
     def quieten(self, layout: Layout, model: Model) -> Model:
-        """The model with about the random force that makes a beginning of the record most probable."""
-        return self.part(slice(0, BEGINNING))._with_force(layout, model, ROUGH)
+        """The model with about the random force that makes the record most probable: of parts all along it."""
+        return self._with_force(layout, model, ROUGH, self._windows())
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:
         """The model with levels of noise that make the record most probable: sense by axis, random force, rate.
@@ -154,18 +154,29 @@ class Filtered:
         def with_rate(value: float) -> Model:
             return replace(model, noise=replace(model.noise, rate=float(10.0**value)))
 
-        return with_rate(level(lambda v: self._of(layout, with_rate(v)), np.log10(model.noise.rate), between, ROUGH))
+        return with_rate(
+            level(lambda v: self._log_likelihood(layout, with_rate(v)), np.log10(model.noise.rate), between, ROUGH)
+        )
 
-    def _with_force(self, layout: Layout, model: Model, close: float) -> Model:
+    def _windows(self) -> list["Filtered"]:
+        if self.samples <= WINDOWS * WINDOW:
+            return [self]
+        begins = np.linspace(0, self.samples - WINDOW, WINDOWS).astype(int).tolist()
+        return [self.part(slice(begin, begin + WINDOW)) for begin in begins]
+
+    def _with_force(self, layout: Layout, model: Model, close: float, parts: Sequence["Filtered"] = ()) -> Model:
+        """The model with the random force that makes these parts most probable, or all of the record."""
         least = float(np.log10(self.declared_noise().force))
 
         def with_force(value: float) -> Model:
             return replace(model, noise=replace(model.noise, force=float(10.0**value)))
 
-        between = (least, least + FORCE_DECADES)
-        return with_force(level(lambda v: self._of(layout, with_force(v)), np.log10(model.noise.force), between, close))
+        def likelihood(value: float) -> float:
+            return sum(part._log_likelihood(layout, with_force(value)) for part in parts or [self])
 
-    def _of(self, layout: Layout, model: Model) -> float:
+        return with_force(level(likelihood, np.log10(model.noise.force), (least, least + FORCE_DECADES), close))
+
+    def _log_likelihood(self, layout: Layout, model: Model) -> float:
         return self.evaluate(layout, model, derivatives=False).log_likelihood
 
     def _balanced(self, layout: Layout, model: Model) -> Model:

@@ -16,9 +16,11 @@ ROUGH = 2
 GROWTH = 4
 """By how much the next part that is fitted is longer than the one before."""
 RISE = 1.0
-"""Of the log-likelihood, below which another round with another noise is not worth its passes."""
+"""Expected, of the penalised log-likelihood, below which a search does not spend a pass on it."""
 SETTLED = 0.02
-"""Expected rise of the penalised log-likelihood below which a fit is at its top: a seventh of a deviation."""
+"""... and below which a fit is at its top: a fifth of a deviation off."""
+AS_EXPECTED = 0.25
+"""Share of the expected rise, below which a step was too long, and as much short of all, beyond which it was not."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,42 @@ class FittedModel:
         samples = float(self.evaluation.count.sum())
         return (self.likeliness - other.likeliness) / self.scatter - more * float(np.log(samples))
 
+    def gain_of(self, name: str) -> float:
+        """`gain_over` the model with one effect less, by the parabola that the likelihood is at its top."""
+        gained = self.twice_log_likelihood_of(self._loss(name)[0])
+        return gained / self.scatter - len(self.layout.of(name)) * float(np.log(self.evaluation.count.sum()))
+
+    def twice_log_likelihood_of(self, squares: float) -> float:
+        """What is lost where the innovations' sum of squares is larger by that, over the noise that is left."""
+        samples = float(self.evaluation.count.sum())
+        return samples * float(np.log1p(squares / samples))
+
+    def others_without(self, name: str) -> Array:
+        """The parameters (k,) where the parabola has its top without an effect."""
+        return self._loss(name)[1]
+
+    def parted(self, name: str) -> tuple[list[int], list[int]]:
+        """Places of an effect's parameters, and of all others."""
+        own = self.layout.of(name)
+        return own, [k for k in range(len(self.layout.names)) if k not in own]
+
+    def removed(self, name: str) -> Array:
+        """By how much an effect's parameters change where it is taken out: without its coefficients, which begin at
+        zero, its frequency or threshold moves nothing.
+        """
+        own = self.layout.of(name)
+        return np.where(self.layout.mean[own] == 0.0, -self.model.theta[own], 0.0)
+
+    def _loss(self, name: str) -> tuple[float, Array]:
+        """Of the sum of squares, over the noise that is left, without an effect; and the parameters then."""
+        (own, rest), removed, information = self.parted(name), self.removed(name), self.posterior_information
+        taken = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, own)])
+        left = information[np.ix_(own, own)] - np.diag(self.layout.deviation[own] ** -2.0)
+        left = left - information[np.ix_(own, rest)] @ taken
+        theta = self.model.theta.copy()
+        theta[rest] -= taken @ removed
+        return max(float(removed @ left @ removed), 0.0), theta
+
     @property
     def posterior_information(self) -> Array:
         """(k, k) of the parameters, prior included, at the noise that is left."""
@@ -89,8 +127,10 @@ def _penalised(layout: Layout, model: Model, evaluation: Evaluation) -> float:
     return evaluation.log_likelihood - 0.5 * float(pull @ pull)
 
 
-def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES) -> FittedModel:
-    """The top next to `start`, at the noise that `start` has."""
+def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: float = SETTLED) -> FittedModel:
+    """The top next to `start`, at the noise that `start` has: to within so much of the log-likelihood (Levenberg and
+    Marquardt; the damping follows the share of the expected rise that comes).
+    """
     now, damping = start, 0.0
     for _ in range(passes):
         if not now.evaluation.sound:
@@ -105,16 +145,20 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES) -> Fitted
             step[free] = np.linalg.solve(damped[np.ix_(free, free)], score[free])
         except np.linalg.LinAlgError:
             return now
-        if 0.5 * float(score @ step) < SETTLED:
-            return replace(now, converged=True)
+        expected = float(score @ step - 0.5 * step @ information @ step)
+        if expected < rise:
+            return replace(now, converged=damping == 0.0)
         theta = np.clip(theta + step, layout.least, layout.most)
         moved = at(of, now.layout, replace(now.model, theta=theta))
-        if moved.objective > now.objective:
-            now, damping = moved, damping / 10.0 if damping > 1e-3 else 0.0
-        else:
+        risen = moved.objective - now.objective
+        if risen > 0.0:
+            now = moved
+        if not risen > AS_EXPECTED * expected:
             damping = max(10.0 * damping, 1e-2)
-            if damping > 1e4:
-                return now
+        elif risen > (1.0 - AS_EXPECTED) * expected:
+            damping = damping / 10.0 if damping > 1e-2 else 0.0
+        if damping > 1e4:
+            return now
     return now
 
 
@@ -124,7 +168,7 @@ def advanced(of: Likelihood, start: FittedModel) -> FittedModel:
     Far from the top, what the parameters leave is a random force to the filter, which follows the motion all the same;
     the nearer they come, the quieter it is, and the sharper the likelihood.
     """
-    now = maximise(of, start, ROUGH)
+    now = maximise(of, start, ROUGH, RISE)
     model = of.quieten(now.layout, now.model)
     return now if model.noise == now.model.noise else at(of, now.layout, model)
 
@@ -138,13 +182,13 @@ def settle(of: Likelihood, start: FittedModel) -> FittedModel:
         same = now.model.noise == before.model.noise
         if same and now.objective - before.objective < RISE:
             break
-    return maximise(of, now)
+    return maximise(of, now, rise=RISE)
 
 
 def finished(of: Likelihood, start: FittedModel) -> FittedModel:
     """The same with all levels of noise fitted."""
     now = at(of, start.layout, of.fit_noise(start.layout, start.model))
-    return maximise(of, now)
+    return maximise(of, now, rise=RISE)
 
 
 def fit(of: Likelihood, effects: Effects) -> FittedModel:

@@ -25,6 +25,8 @@ BLOCKS = 24
 """Parts of a record whose scores are taken as independent: longer than the memory of any filter that follows."""
 JUMP = 4.0
 """Innovations that are larger than so many times the usual power count less, in proportion (Huber)."""
+MEDIAN_OF_SQUARE = 0.455
+"""Of a standard normal number."""
 SHIFT = 1e-5
 """Of a searched parameter, over which the innovations' difference is taken: small beside any curvature."""
 START_CYCLES = 3.0
@@ -437,9 +439,16 @@ class _Pass:
                 self.observer.unsettle(spread)
         told = self.seen[begin:end].ravel() & (np.repeat(np.arange(begin, end), axes) >= self.skip)
         counted = equations if told.all() else equations[told]
-        usual = float(np.median(counted[:, k] ** 2)) / 0.455 if len(counted) else 1.0
+        usual = _median(counted[:, k] ** 2) / MEDIAN_OF_SQUARE if len(counted) else 1.0
         self.level = JUMP * max(1.0, usual) if np.isfinite(usual) else JUMP
         return counted
+
+
+def _median(values: Array) -> float:
+    """NumPy's own takes ten times as long of a thousand."""
+    upper, lower = len(values) // 2, (len(values) - 1) // 2
+    sorted_there = np.partition(values, (lower, upper))
+    return float(0.5 * (sorted_there[lower] + sorted_there[upper]))
 
 
 def _pieces(record: Record, begin: int, end: int) -> list[tuple[int, int, Array | None]]:

@@ -7,8 +7,6 @@ from scipy.stats import chi2
 
 from estimator.scaling import Array
 
-STEP = 2.0
-"""Decades between the values first tried: the likelihood has one top, a few decades wide."""
 LAGS = 20
 """Over which a series is asked whether it is white."""
 FEWEST = 4.0
@@ -18,18 +16,23 @@ TWO_SIDED = 1.959963984540054
 
 
 def level(likelihood: Callable[[float], float], start: float, between: tuple[float, float], close: float) -> float:
-    """The decade with the largest likelihood next to `start`, to within `close`: a search by halves."""
+    """The decade with the largest likelihood next to `start`, to within `close`: steps down first, then up, each that
+    rises twice as long as the one before.
+    """
+    lowest, highest = between
     known = {start: likelihood(start)}
-    at, step = start, STEP
-    while step >= close:
-        for tried in (max(at - step, between[0]), min(at + step, between[1])):
-            if tried not in known:
-                known[tried] = likelihood(tried)
-        best = max(known, key=lambda value: known[value])
-        if best == at:
-            step /= 2.0
-        at = best
-    return at
+    best, step, failed = start, -close, 0
+    while failed < 2:
+        tried = min(max(best + step, lowest), highest)
+        if tried not in known:
+            known[tried] = likelihood(tried)
+        if known[tried] > known[best]:
+            best, step, failed = tried, 2.0 * step, 0
+        elif abs(step) > close:
+            step = close if step > 0.0 else -close
+        else:
+            step, failed = -step, failed + 1
+    return best
 
 
 def autocorrelation(series: Array) -> Array:

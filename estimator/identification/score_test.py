@@ -5,9 +5,8 @@ gain if the likelihood were a parabola; the solution of its normal equations is 
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from types import MappingProxyType
 
 import numpy as np
 
@@ -24,9 +23,7 @@ class Score:
     """One effect at given parameters.
 
     gain: twice the gain of log-likelihood; size, deviation (c,) of its coefficients, scaled; scatter: by how much more
-    than noise its score differs from part to part of the record, 1 where it does not; given: its parameters, SI;
-    likeness: largest canonical correlation of what it does to the innovations with what a reference does, 1: the same
-    to this record.
+    than noise its score differs from part to part of the record, 1 where it does not; given: its parameters, SI.
     """
 
     name: str
@@ -35,7 +32,6 @@ class Score:
     deviation: Array
     scatter: float
     given: Mapping[str, float]
-    likeness: float = 0.0
 
     @property
     def robust(self) -> float:
@@ -43,53 +39,50 @@ class Score:
         return self.gain / max(self.scatter, 1.0)
 
 
-def score_test(
-    of: Likelihood, fitted: FittedModel, tested: Effects, reference: Effects = MappingProxyType({})
-) -> tuple[Score, ...]:
-    """The scores of `tested` beside a fitted model, the largest gain first, each with a prior of its plausible size;
-    with their likeness to an effect at given parameters, where there is a `reference`.
+@dataclass(frozen=True)
+class Tested:
+    """A pass with effects beside a model: columns of each behind the model's own; information (blocks, k, k) and score
+    (blocks, k) at the noise that is left.
     """
-    shares = _shares(of, tested, reference, len(fitted.model.effects))
-    passes = side_by_side(
-        [partial(of.evaluate, fitted.layout, fitted.model, tested={**reference, **share}) for share in shares]
-    )
+
+    columns: Mapping[str, list[int]]
+    information: Array
+    score: Array
+
+
+def tested_beside(of: Likelihood, fitted: FittedModel, effects: Effects) -> list[Tested]:
+    """The effects beside the model, in as many passes as they need."""
+    shares = _shares(of, effects, len(fitted.model.effects))
+    seen = side_by_side([partial(of.evaluate, fitted.layout, fitted.model, tested=share) for share in shares])
+    return [_tested(one, len(fitted.layout.names), fitted.evaluation.scale) for one in seen]
+
+
+def _tested(seen: Evaluation, own: int, scale: float) -> Tested:
+    columns: dict[str, list[int]] = {}
+    for k, name in enumerate(seen.names[own:], start=own):
+        columns.setdefault(name, []).append(k)
+    return Tested(columns, seen.information / scale, seen.score / scale)
+
+
+def score_test(of: Likelihood, fitted: FittedModel, effects: Effects) -> tuple[Score, ...]:
+    """The scores of effects beside a fitted model, the largest gain first, each with a prior of its plausible size."""
     scores = [
         score
-        for share, seen in zip(shares, passes, strict=True)
-        for score in _scores(of, fitted, seen, share, next(iter(reference), None))
+        for seen in tested_beside(of, fitted, effects)
+        for score in _scores(of, seen, fitted.layout.deviation, effects)
     ]
     return tuple(sorted(scores, key=lambda one: -one.gain))
 
 
-def _scores(
-    of: Likelihood, fitted: FittedModel, seen: Evaluation, tested: Effects, reference: str | None
-) -> Iterator[Score]:
+def _scores(of: Likelihood, seen: Tested, deviation: Array, effects: Effects) -> Iterator[Score]:
     """Those of one pass."""
-    own, scale = len(fitted.layout.names), fitted.evaluation.scale
-    information, score = projected(seen.information / scale, seen.score / scale, fitted.layout.deviation, own)
-    whole = information.sum(axis=0)
-    columns: dict[str, list[int]] = {}
-    for k, name in enumerate(seen.names[own:]):
-        columns.setdefault(name, []).append(k)
-    for name, given in tested.items():
-        rows = columns[name]
-        one = _score(name, information[:, rows][:, :, rows], score[:, rows], of.plausible(name), given)
-        likeness = _likeness(whole, columns[reference], rows) if reference is not None else 0.0
-        yield replace(one, likeness=likeness)
+    information, score = projected(seen.information, seen.score, deviation)
+    for name, columns in seen.columns.items():
+        rows = [k - len(deviation) for k in columns]
+        yield _score(name, information[:, rows][:, :, rows], score[:, rows], of.plausible(name), effects[name])
 
 
-def _likeness(information: Array, one: list[int], two: list[int]) -> float:
-    a, b = (_whitener(information[np.ix_(rows, rows)]) for rows in (one, two))
-    return min(float(np.linalg.norm(a @ information[np.ix_(one, two)] @ b.T, 2)), 1.0)
-
-
-def _whitener(information: Array) -> Array:
-    values, vectors = np.linalg.eigh(information)
-    kept = values > 1e-12 * max(values[-1], np.finfo(float).tiny)
-    return np.asarray((vectors[:, kept] / np.sqrt(values[kept])).T)
-
-
-def _shares(of: Likelihood, tested: Effects, reference: Effects, included: int) -> list[Effects]:
+def _shares(of: Likelihood, tested: Effects, included: int) -> list[Effects]:
     """The effects in as many passes as they need, and two where two may run at a time."""
 
     def signals(names: Effects) -> int:
@@ -98,18 +91,20 @@ def _shares(of: Likelihood, tested: Effects, reference: Effects, included: int) 
     shares: list[dict[str, Mapping[str, float]]] = [{}, {}]
     for name, given in tested.items():
         least = min(shares, key=len)
-        full = len(least) + included + len(reference) >= MAX_EFFECTS
-        if full or signals(least) + signals(reference) + signals({name: given}) > MAX_SIGNALS // 2:
+        full = len(least) + included >= MAX_EFFECTS
+        if full or signals(least) + signals({name: given}) > MAX_SIGNALS // 2:
             shares.append(least := {})
         least[name] = given
     return [share for share in shares if share]
 
 
-def projected(information: Array, score: Array, deviation: Array, own: int) -> tuple[Array, Array]:
-    """By part of the record, information and score of the effects with the model's own parameters projected out."""
-    whole = information.sum(axis=0)
+def projected(information: Array, score: Array, deviation: Array) -> tuple[Array, Array]:
+    """By part of the record, information and score of the effects with the model's own parameters, of these prior
+    deviations, projected out.
+    """
+    own, whole = len(deviation), information.sum(axis=0)
     taken = np.linalg.solve(whole[:own, :own] + np.diag(deviation**-2.0), whole[:own, own:])
-    left = np.vstack([-taken, np.eye(whole.shape[0] - own)])
+    left = np.vstack([-taken, np.eye(len(whole) - own)])
     return np.einsum("ka,bkl,lc->bac", left, information, left, optimize=True), score @ left
 
 

@@ -4,11 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
-from types import MappingProxyType
 
 import numpy as np
 
-from estimator.identification.fit import FittedModel, advanced, at, finished, fit, maximise, settle
+from estimator.identification.fit import ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
 from estimator.identification.likelihood import Layout, Likelihood, Model
 from estimator.identification.score_test import Score, score_test
 from estimator.scaling import Array
@@ -16,22 +15,18 @@ from estimator.side_by_side import side_by_side
 from estimator.trace.candidates import kind
 from estimator.trace.problem import Effects
 
-SHORTLIST = 6
-"""Kinds of effects that are fitted in a round: the score test has the right one among the first few."""
+SHORTLIST = 4
+"""Kinds of effects that are fitted in a round: one of the two tables of scores has the right one first or second."""
 QUICK = 8_000
 """Samples on which the shortlist is fitted first."""
-FINALISTS, CLEAR = 3, 30.0
-"""Candidates of a round that are fitted to the whole, and the lead in twice the log-likelihood beyond which there is no
-second.
-"""
+CLEAR = 30.0
+"""The lead in twice the log-likelihood there, beyond which there is no second."""
 FORBIDDEN = 3.0
 """Deviations below zero of a coefficient that physics makes positive, beyond which it is no such effect."""
 CHANCE = 1e-3
 """How often an effect may be named that is not there, over a whole search."""
 QUIETER = 100.0
 """By how much less random force than a model leaves the scores are taken once more."""
-WORTH = 0.5
-"""Of the margin, that the score test has to tell of a candidate which is fitted."""
 
 
 @dataclass(frozen=True)
@@ -63,8 +58,8 @@ def search(
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
     begun: FittedModel | None = None,
 ) -> Search:
-    """Effects added while the criterion of the best candidate is larger by the margin, and taken out where their gain
-    is not sure: on the way, what the model still lacks scatters more than noise; on from `begun`.
+    """Effects added while the best of the candidates has a larger criterion by the margin, and taken out where their
+    gain is not sure: on the way, what the model still lacks scatters more than noise; on from `begun`.
     """
     base = now = fit(of, of.effects) if begun is None else begun
     rounds: list[Round] = []
@@ -74,61 +69,53 @@ def search(
         tested = of.candidates(now.model, now.evaluation)
         kinds = max(kinds, len({kind(name) for name in tested}))
         tables = scored(of, now, tested)
-        ranked = _fitted(of, now, shortlisted(of, tables, WORTH * margin(kinds)))
-        possible = [pair for pair in ranked if not impossible(of, *pair)][:1]
-        taken = next((name for name, one in possible if one.criterion - now.criterion > margin(kinds)), None)
-        rounds.append(Round(now, tables[0], tuple(ranked), taken))
-        if taken is None:
+        ranked = _fitted(of, now, shortlisted(of, tables, margin(kinds)))
+        best = next((pair for pair in ranked if not impossible(of, *pair)), None)
+        taken = best is not None and best[1].criterion - now.criterion > margin(kinds)
+        rounds.append(Round(now, tables[0], tuple(ranked), best[0] if best is not None and taken else None))
+        if best is None or not taken:
             break
-        now = finished(of, possible[0][1])
+        now = best[1]
     return Search(base, backward(of, now, margin(kinds)), tuple(rounds))
 
 
 def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[tuple[str, FittedModel]]:
-    """The candidates, each joined to the model and fitted, the best first.
+    """The candidates, each joined to the model and fitted, the best first and to its top.
 
     On a beginning of the record first: those that are far behind there are not fitted to the whole, unless the score
-    test has them first, as an effect that shows in a long record only.
+    test has them first and that beginning has nothing of them, as of an effect that shows in a long record only.
     """
     quick = of.part(slice(0, QUICK))
     start = at(quick, base.layout, base.model)
     tried = side_by_side([partial(with_effect, quick, start, score) for score in shortlist])
-    pairs = zip(shortlist, tried, strict=True)
-    possible = [pair for pair in pairs if not impossible(of, pair[0].name, pair[1])]
-    ranked = sorted(possible, key=lambda pair: -pair[1].criterion)
-    ahead = [
-        (score, one)
-        for place, (score, one) in enumerate(ranked)
-        if score is shortlist[0] or (place < FINALISTS and one.criterion > ranked[0][1].criterion - CLEAR)
+    possible = [pair for pair in zip(shortlist, tried, strict=True) if not impossible(of, pair[0].name, pair[1])]
+    best = max((one.criterion for _, one in possible), default=0.0)
+    begun = [
+        (score.name, partial(_from, of, one) if one.criterion > best - CLEAR else partial(with_effect, of, base, score))
+        for score, one in possible
+        if one.criterion > best - CLEAR or (score is shortlist[0] and one.criterion < start.criterion)
     ]
-    done = side_by_side([partial(_on_the_whole, of, base, score, one) for score, one in ahead])
-    named = zip([score.name for score, _ in ahead], done, strict=True)
-    return sorted(named, key=lambda pair: -pair[1].criterion)
+    done = side_by_side([fit for _, fit in begun])
+    ranked = sorted(zip([name for name, _ in begun], done, strict=True), key=lambda pair: -pair[1].criterion)
+    return [(name, finished(of, settle(of, one)) if one is ranked[0][1] else one) for name, one in ranked]
 
 
-def _on_the_whole(of: Likelihood, base: FittedModel, score: Score, quick: FittedModel) -> FittedModel:
-    """A candidate that was fitted to a beginning of the record, on all of it; from the size that the score test tells
-    where that beginning had nothing of it.
-    """
-    found = settle(of, at(of, quick.layout, quick.model))
-    if found.objective > base.objective or not found.evaluation.sound:
-        return found
-    return settle(of, with_effect(of, base, score))
+def _from(of: Likelihood, quick: FittedModel) -> FittedModel:
+    """A candidate that was fitted to a beginning of the record, on all of it."""
+    return advanced(of, at(of, quick.layout, quick.model))
 
 
-def scored(
-    of: Likelihood, fitted: FittedModel, tested: Effects, reference: Effects = MappingProxyType({})
-) -> tuple[tuple[Score, ...], ...]:
+def scored(of: Likelihood, fitted: FittedModel, tested: Effects) -> tuple[tuple[Score, ...], ...]:
     """The scores of the effects beside a model (`score_test`); and where it leaves a random force larger than declared,
     the same at a quieter one, where effects look less alike, unless the filter loses the motion there.
     """
-    table = score_test(of, fitted, tested, reference)
+    table = score_test(of, fitted, tested)
     noise, quietest = fitted.model.noise, of.declared_noise().force
     if noise.force <= quietest * QUIETER:
         return (table,)
-    quieter = replace(fitted.model, noise=replace(noise, force=max(noise.force / QUIETER, quietest)))
-    found = maximise(of, at(of, fitted.layout, quieter))
-    return (table, score_test(of, found, tested, reference)) if found.evaluation.sound else (table,)
+    quieter = replace(fitted.model, noise=replace(noise, force=noise.force / QUIETER))
+    found = at(of, fitted.layout, quieter)
+    return (table, score_test(of, found, tested)) if found.evaluation.sound else (table,)
 
 
 def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
@@ -164,14 +151,19 @@ def forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
 
 def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:
     """The model with one more effect, from the size that the score test tells."""
+    layout, model = joined(of, fitted, score)
+    found = maximise(of, at(of, layout, model), ROUGH)
+    if not found.evaluation.sound or found.objective < fitted.objective:
+        found = maximise(of, at(of, layout, replace(model, theta=_carried_over(fitted, layout))))
+    return advanced(of, at(of, layout, of.quieten(layout, found.model)))
+
+
+def joined(of: Likelihood, fitted: FittedModel, score: Score) -> tuple[Layout, Model]:
+    """The parameters and the model with one more effect of the size that the score test tells."""
     effects = {**fitted.layout.effects_of(fitted.model), score.name: score.given}
     layout = of.layout(effects)
-    theta = _carried_over(fitted, layout)
-    model = Model(effects, of.begun(layout, theta, score.name, score.size), fitted.model.noise)
-    begun = maximise(of, at(of, layout, model), 3)
-    if not begun.evaluation.sound or begun.objective < fitted.objective:
-        begun = maximise(of, at(of, layout, replace(model, theta=theta)), 6)
-    return advanced(of, at(of, layout, of.quieten(layout, begun.model)))
+    theta = of.begun(layout, _carried_over(fitted, layout), score.name, score.size)
+    return layout, Model(effects, theta, fitted.model.noise)
 
 
 def _carried_over(fitted: FittedModel, layout: Layout) -> Array:
@@ -182,21 +174,23 @@ def _carried_over(fitted: FittedModel, layout: Layout) -> Array:
 
 
 def without_effect(of: Likelihood, fitted: FittedModel, name: str) -> FittedModel:
-    """The model with one effect less, fitted anew."""
-    effects = {other: given for other, given in fitted.layout.effects_of(fitted.model).items() if other != name}
+    """The model with one effect less, the others where the parabola of its likelihood has its top."""
+    return at(of, *reduced(of, fitted, name, fitted.others_without(name)))
+
+
+def reduced(of: Likelihood, fitted: FittedModel, name: str, theta: Array) -> tuple[Layout, Model]:
+    """The parameters and the model with one effect less; theta (k,) of the model with it."""
+    moved = replace(fitted, model=replace(fitted.model, theta=theta))
+    effects = {other: given for other, given in fitted.layout.effects_of(moved.model).items() if other != name}
     layout = of.layout(effects)
-    return settle(of, at(of, layout, Model(effects, _carried_over(fitted, layout), fitted.model.noise)))
+    return layout, Model(effects, _carried_over(moved, layout), fitted.model.noise)
 
 
 def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
     """Without effects that do not pay for themselves beside the others."""
-    while True:
-        own = [name for name in fitted.model.effects if name not in of.effects]
-        if len(own) < 2:
-            return fitted
-        less = side_by_side([partial(without_effect, of, fitted, name) for name in own])
-        costs = [fitted.gain_over(one) - margin for one in less]
-        least = int(np.argmin(costs))
-        if costs[least] > 0.0:
-            return fitted
-        fitted = less[least]
+    while gains := {name: fitted.gain_of(name) for name in fitted.model.effects if name not in of.effects}:
+        least = min(gains, key=lambda name: gains[name])
+        if gains[least] > margin:
+            break
+        fitted = settle(of, without_effect(of, fitted, least))
+    return fitted

@@ -101,7 +101,7 @@ def _shown(of: Filtered, model: FittedModel, name: str, members: list[Member]) -
         return {}
     own = len(layout.names)
     settled = slice(round(SETTLED * BLOCKS), None)  # what only a filter's start tells depends on how it was begun
-    information, _ = projected(seen.information[settled], seen.score[settled], layout.deviation, own)
+    information, _ = projected(seen.information[settled], seen.score[settled], layout.deviation)
     whole = information.sum(axis=0)
     columns = {one: [k for k, owner in enumerate(seen.names[own:]) if owner == one] for one in parameters}
     rows = columns[name]

@@ -11,7 +11,7 @@ from estimator.errors import DivergedError
 from estimator.identification.checks import CHECKS, Evidence
 from estimator.identification.chosen import REFINED, SEARCHED, Chosen, choose
 from estimator.identification.filtered import Filtered
-from estimator.identification.fit import FittedModel, at, finished, fit, maximise, settle
+from estimator.identification.fit import RISE, FittedModel, finished, fit, maximise, settle
 from estimator.identification.free_run import FreeRun
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.named import constants_of, effects_of
@@ -113,5 +113,4 @@ def _without(of: Likelihood, model: FittedModel, name: str) -> FittedModel:
     """The model with one effect less, fitted anew at the noise that it has with it: a larger random force would follow
     what the effect explains.
     """
-    less = without_effect(of, model, name)
-    return maximise(of, at(of, less.layout, replace(less.model, noise=model.model.noise)))
+    return maximise(of, without_effect(of, model, name), rise=RISE)

@@ -37,26 +37,40 @@ def test_a_likelihood_that_failed_is_no_top() -> None:
     assert 0.8 < found <= 1.0
 
 
-def test_no_level_is_looked_at_twice() -> None:
-    """A pass over the record costs most of all: a top 5 decades off takes two for each halving and step at most."""
+def test_no_level_is_tried_twice() -> None:
+    """A pass over the record costs most of all."""
     tried: list[float] = []
 
     def curve(decade: float) -> float:
         tried.append(decade)
         return -((decade - 5.0) ** 2)
 
-    level(curve, 0.0, (-10.0, 10.0), 0.25)
+    assert level(curve, 0.0, (-10.0, 10.0), 0.25) == 5.0
     assert len(tried) == len(set(tried))
     assert len(tried) <= 14
 
 
-def test_the_first_steps_are_two_decades_and_each_further_one_half_of_the_one_before() -> None:
-    """Of a curve with its top at the start."""
+def test_steps_go_down_first_and_grow_while_the_likelihood_rises() -> None:
+    tried: list[float] = []
+
+    def curve(decade: float) -> float:
+        tried.append(decade)
+        return -abs(decade + 4.0)
+
+    assert level(curve, 0.0, (-10.0, 10.0), 1.0) == -4.0
+    assert tried == [0.0, -1.0, -3.0, -7.0, -4.0, -6.0, -5.0]
+
+
+def test_a_level_at_its_top_takes_three_passes() -> None:
     tried: list[float] = []
 
     def curve(decade: float) -> float:
         tried.append(decade)
         return -(decade**2)
 
-    level(curve, 0.0, (-10.0, 10.0), 0.5)
-    assert tried == [0.0, -2.0, 2.0, -1.0, 1.0, -0.5, 0.5]
+    assert level(curve, 0.0, (-10.0, 10.0), 0.5) == 0.0
+    assert tried == [0.0, -0.5, 0.5]
+
+
+def test_a_step_is_no_longer_than_the_way_to_the_bound() -> None:
+    assert level(lambda decade: decade, 0.0, (-1.0, 2.5), 1.0) == 2.5

@@ -46,7 +46,6 @@ def test_gain_and_size_are_those_of_least_squares(name: str) -> None:
     assert found.gain == pytest.approx((y @ y - np.sum((y - x @ size) ** 2)) / variance, rel=1e-5)
     assert found.deviation == pytest.approx(np.sqrt(np.diag(np.linalg.inv(x.T @ x)) * variance), rel=1e-5)
     assert [score.gain for score in table] == sorted((score.gain for score in table), reverse=True)
-    assert {score.likeness for score in table} == {0.0}
 
 
 def test_a_prior_as_tight_as_the_record_halves_a_size() -> None:
@@ -73,29 +72,13 @@ def test_the_prior_of_the_models_own_parameters_counts_where_they_are_projected_
     assert held[0].deviation[0] < 0.01 * free.deviation[0]
 
 
-def test_likeness_is_the_canonical_correlation() -> None:
-    series = columns()
-    mixed = series["far"] + series["two"] @ np.array([[1.0], [2.0]])
-    of = made({**series, "mixed": mixed, "same": 3.0 * series["one"]}, {"one": [0.5]})
-    names = {key: {} for key in of.columns}
-    table = score_test(of, fitted(of), names, {"mixed": {}})
-    x = {name: np.linalg.qr(left(of, one))[0] for name, one in of.columns.items()}
-    for name in of.columns:
-        largest = np.linalg.svd(x["mixed"].T @ x[name])[1][0]
-        assert called(table, name).likeness == pytest.approx(largest, abs=1e-6)
-    assert called(table, "mixed").likeness == pytest.approx(1.0)
-    assert called(score_test(of, fitted(of), names, {"one": {}}), "same").likeness == pytest.approx(1.0)
-    assert called(score_test(of, fitted(of), {"same": {}}, {"one": {}}), "same").likeness == pytest.approx(1.0)
-
-
 def test_effects_that_nothing_tells_apart_have_no_size_beside_a_prior_but_a_gain() -> None:
     """Two columns that are one: the information is singular, the prior of each decides."""
     one = columns()["one"]
     of = made({"pair": np.hstack([one, one])}, {"pair": [0.5, 0.0]})
-    table = score_test(of, fitted(of), {"pair": {}}, {"pair": {}})
+    table = score_test(of, fitted(of), {"pair": {}})
     x, y = left(of, one), left(of, of.y)
     assert table[0].gain == pytest.approx(float((x.T @ y)[0] ** 2 / (x.T @ x)[0, 0]) * N / (y @ y), rel=1e-3)
-    assert table[0].likeness == pytest.approx(1.0)
 
 
 def test_scores_of_noise_scatter_by_one_and_those_of_an_effect_that_comes_and_goes_by_more() -> None:
@@ -123,8 +106,8 @@ def test_effects_go_into_as_many_passes_as_the_filter_has_room_for(monkeypatch: 
             return super().evaluate(layout, model, derivatives=derivatives, tested=tested)
 
     counted, model = Counted(**vars(of)), fitted(of)
-    table = score_test(counted, model, {key: {} for key in of.columns}, {"e7": {}})
-    assert sorted(seen) == [5, 8, 9]  # shares of eight, and e7 beside each that lacks it
+    table = score_test(counted, model, {key: {} for key in of.columns})
+    assert sorted(seen) == [2, 9, 9]
     assert len(table) == 20
     for name in of.columns:
         alone = score_test(of, model, {name: {}})[0]
@@ -158,5 +141,4 @@ def test_effects_are_shared_out_by_their_signals_too(monkeypatch: pytest.MonkeyP
     model = at(of, of.layout({}), Model({}, np.zeros(2), of.declared_noise()))
     seen.clear()
     score_test(of, model, {key: {} for key in of.columns})
-    score_test(of, model, {key: {} for key in of.columns}, {"e3": {}})
-    assert sorted(seen) == [1, *[2] * (4 + 7)]
+    assert seen == [2] * 4
