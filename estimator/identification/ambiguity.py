@@ -4,17 +4,17 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 from estimator.identification.exchange import Exchange, exchange_test
-from estimator.identification.fit import FittedModel, at, settle
+from estimator.identification.fit import RISE, FittedModel, advanced, at, settle
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.score_test import Score
-from estimator.identification.search import impossible, joined, reduced
+from estimator.identification.search import SHORTLIST, impossible, joined, reduced
 from estimator.side_by_side import side_by_side
 from estimator.trace.candidates import kind
 
 TIE = 9.0
 """Of twice the log-likelihood: odds of a hundred to one, below which two accounts are told together."""
-BEYOND = 20.0
-"""Times that, by which a candidate may be behind on the parabola and is still fitted: it is of one place."""
+SHARE = 0.1
+"""Of what an effect gains: a candidate that loses less in its place, on a parabola that holds near by, is fitted."""
 
 
 @dataclass(frozen=True)
@@ -38,9 +38,9 @@ def exchanged(of: Likelihood, best: FittedModel) -> tuple[FittedModel, dict[str,
         found = min(
             (member for group in groups.values() for member in group), key=lambda one: one.deficit, default=None
         )
-        if found is None or found.deficit >= 0.0:
+        if found is None or found.deficit > -RISE:
             return best, {name: [one for one in group if one.deficit < TIE] for name, group in groups.items()}
-        best = found.model
+        best = settle(of, found.model)
 
 
 def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
@@ -51,7 +51,11 @@ def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
     known = replace(best.model, effects=best.layout.effects_of(best.model))
     tests = exchange_test(of, best, of.candidates(known, best.evaluation), names)
     kinds = {name: {kind(one) for one in best.model.effects if one != name} | {kind(name)} for name in names}
-    pairs = [(name, exchange) for name in names for exchange in _first_of_each_kind(tests[name], kinds[name])]
+    pairs = [
+        (name, exchange)
+        for name in names
+        for exchange in _first_of_each_kind(tests[name], kinds[name], max(SHARE * best.loss(name), TIE))
+    ]
     fitted = side_by_side([partial(_exchanged, of, best, name, exchange) for name, exchange in pairs])
     groups: dict[str, list[Member]] = {name: [] for name in names}
     for (name, exchange), one in zip(pairs, fitted, strict=True):
@@ -60,12 +64,12 @@ def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
     return {name: sorted(group, key=lambda member: member.deficit) for name, group in groups.items()}
 
 
-def _first_of_each_kind(exchanges: list[Exchange], taken: set[str]) -> list[Exchange]:
+def _first_of_each_kind(exchanges: list[Exchange], taken: set[str], most: float) -> list[Exchange]:
     found: dict[str, Exchange] = {}
     for one in exchanges:
-        if one.loss < BEYOND * TIE and kind(one.name) not in taken:
+        if one.loss < most and kind(one.name) not in taken:
             found.setdefault(kind(one.name), one)
-    return list(found.values())
+    return list(found.values())[:SHORTLIST]
 
 
 def _exchanged(of: Likelihood, best: FittedModel, name: str, exchange: Exchange) -> FittedModel:
@@ -73,4 +77,4 @@ def _exchanged(of: Likelihood, best: FittedModel, name: str, exchange: Exchange)
     layout, model = reduced(of, best, name, exchange.theta)
     less = replace(best, layout=layout, model=model)
     score = Score(exchange.name, -exchange.loss, exchange.size, exchange.size, 1.0, exchange.given)
-    return settle(of, at(of, *joined(of, less, score)))
+    return advanced(of, advanced(of, at(of, *joined(of, less, score))))

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from estimator.identification.ambiguity import Member, exchanged
 from estimator.identification.fit import FittedModel, at, finished, maximise, settle
 from estimator.identification.likelihood import Likelihood
-from estimator.identification.search import Search, search
+from estimator.identification.search import Search, backward, search
 
 SEARCHED = 25_000
 """Samples of the fitted part on which effects are chosen: what shows in more only is small."""
@@ -41,6 +41,8 @@ def choose(of: Likelihood, progress: Callable[[str, int, int], None]) -> Chosen:
         more = search(searched, progress, freed(searched, found.best))
         found = Search(freed(searched, found.base), more.best, (*found.rounds, *more.rounds))
     best, groups = exchanged(searched, found.best)
+    while (less := backward(searched, best, found.margin)) is not best:
+        best, groups = exchanged(searched, less)
     before = found.base
     if fitted.samples > searched.samples:
         before, best = (settle(fitted, at(fitted, one.layout, one.model)) for one in (before, best))

@@ -26,7 +26,7 @@ AS_EXPECTED = 0.25
 @dataclass(frozen=True)
 class FittedModel:
     """A model at its top: layout of its parameters, the pass there, the penalised log-likelihood; converged: whether
-    the last step expected no more.
+    the last step expected no more; damping: that of the next step.
     """
 
     layout: Layout
@@ -34,6 +34,7 @@ class FittedModel:
     evaluation: Evaluation
     objective: float
     converged: bool
+    damping: float = 0.0
 
     @property
     def likeliness(self) -> float:
@@ -69,8 +70,11 @@ class FittedModel:
 
     def gain_of(self, name: str) -> float:
         """`gain_over` the model with one effect less, by the parabola that the likelihood is at its top."""
-        gained = self.twice_log_likelihood_of(self._loss(name)[0])
-        return gained / self.scatter - len(self.layout.of(name)) * float(np.log(self.evaluation.count.sum()))
+        return self.loss(name) / self.scatter - len(self.layout.of(name)) * float(np.log(self.evaluation.count.sum()))
+
+    def loss(self, name: str) -> float:
+        """Of twice the log-likelihood without an effect, by the parabola."""
+        return self.twice_log_likelihood_of(self._loss(name)[0])
 
     def twice_log_likelihood_of(self, squares: float) -> float:
         """What is lost where the innovations' sum of squares is larger by that, over the noise that is left."""
@@ -131,7 +135,7 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: flo
     """The top next to `start`, at the noise that `start` has: to within so much of the log-likelihood (Levenberg and
     Marquardt; the damping follows the share of the expected rise that comes).
     """
-    now, damping = start, 0.0
+    now, damping = start, start.damping
     for _ in range(passes):
         if not now.evaluation.sound:
             return now
@@ -147,7 +151,7 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: flo
             return now
         expected = float(score @ step - 0.5 * step @ information @ step)
         if expected < rise:
-            return replace(now, converged=damping == 0.0)
+            return replace(now, converged=damping == 0.0, damping=damping)
         theta = np.clip(theta + step, layout.least, layout.most)
         moved = at(of, now.layout, replace(now.model, theta=theta))
         risen = moved.objective - now.objective
@@ -158,8 +162,8 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: flo
         elif risen > (1.0 - AS_EXPECTED) * expected:
             damping = damping / 10.0 if damping > 1e-2 else 0.0
         if damping > 1e4:
-            return now
-    return now
+            break
+    return replace(now, damping=damping)
 
 
 def advanced(of: Likelihood, start: FittedModel) -> FittedModel:
@@ -170,7 +174,7 @@ def advanced(of: Likelihood, start: FittedModel) -> FittedModel:
     """
     now = maximise(of, start, ROUGH, RISE)
     model = of.quieten(now.layout, now.model)
-    return now if model.noise == now.model.noise else at(of, now.layout, model)
+    return now if model.noise == now.model.noise else replace(at(of, now.layout, model), damping=now.damping)
 
 
 def settle(of: Likelihood, start: FittedModel) -> FittedModel:

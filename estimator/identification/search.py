@@ -47,6 +47,11 @@ class Search:
     best: FittedModel
     rounds: tuple[Round, ...]
 
+    @property
+    def margin(self) -> float:
+        """Of as many kinds as were tested."""
+        return margin(max(1, *(len({kind(score.name) for score in one.table}) for one in self.rounds)))
+
 
 def margin(kinds: int) -> float:
     """What an effect's criterion has to exceed that of a model without it, so many kinds having been looked at."""
@@ -155,7 +160,7 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     found = maximise(of, at(of, layout, model), ROUGH)
     if not found.evaluation.sound or found.objective < fitted.objective:
         found = maximise(of, at(of, layout, replace(model, theta=_carried_over(fitted, layout))))
-    return advanced(of, at(of, layout, of.quieten(layout, found.model)))
+    return settle(of, at(of, layout, of.quieten(layout, found.model)))
 
 
 def joined(of: Likelihood, fitted: FittedModel, score: Score) -> tuple[Layout, Model]:

@@ -173,16 +173,27 @@ def test_two_equal_effects_are_one_group_and_one_beside_them_is_not() -> None:
     assert groups["c"] == []
 
 
-@pytest.mark.parametrize(("gain", "fitted_at_all"), [(170.0, True), (190.0, False)])
-def test_an_effect_that_is_no_likeness_is_fitted_where_the_gain_is_no_more_than_twenty_ties(
-    gain: float, fitted_at_all: bool
+@pytest.mark.parametrize(
+    ("gain", "lost", "fitted_at_all"),
+    [(400.0, 0.085, True), (400.0, 0.105, False), (40.0, 0.215, True), (40.0, 0.235, False)],
+)
+def test_a_candidate_is_fitted_where_it_loses_a_tenth_of_the_gain_or_no_more_than_a_tie(
+    gain: float, lost: float, fitted_at_all: bool
 ) -> None:
-    of = orthogonal(a=(1, gain + np.log(N)), b=(1, 1.0))
-    of.columns["b"] = of.columns["b"] + 0.02 * of.columns["a"]
+    """A share sin² of the angle between their columns is lost."""
+    of = orthogonal(a=(1, gain), b=(1, 0.0))
+    of.columns["b"] = np.sqrt(lost) * of.columns["b"] + np.sqrt(1.0 - lost) * of.columns["a"]
     found = members(of, fitted(of, "a"))
     assert {name: [member.name for member in group] for name, group in found.items()} == {
         "a": ["b"] if fitted_at_all else []
     }
+
+
+def test_no_more_than_four_candidates_are_fitted_in_place_of_an_effect() -> None:
+    of = orthogonal(a=(1, 400.0), **{f"b{k}": (1, 0.0) for k in range(6)})
+    for k in range(6):
+        of.columns[f"b{k}"] = of.columns["a"] + 0.01 * (k + 1) * of.columns[f"b{k}"]
+    assert [member.name for member in members(of, fitted(of, "a"))["a"]] == ["b0", "b1", "b2", "b3"]
 
 
 def test_a_model_gives_way_to_one_that_stands_better_in_its_place() -> None:
