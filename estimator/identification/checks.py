@@ -192,7 +192,13 @@ def deviations(fitted: FittedModel) -> Array:
 
 
 def covariance(fitted: FittedModel) -> Array:
-    """(k, k) of a model's parameters: the inverse of the information, times the scatter of the scores from part to part
-    of the record over what noise makes of them, where that is more (White, Econometrica 50, 1982, as one number).
+    """(k, k) of a model's parameters: the inverse of the information, each deviation wider by how much more its own
+    estimate scatters from part to part of the record than white innovations let it (White, Econometrica 50, 1982).
     """
-    return np.asarray(np.linalg.inv(fitted.posterior_information) * fitted.scatter)
+    inverse = np.linalg.inv(fitted.posterior_information)
+    scores = fitted.evaluation.score / fitted.evaluation.scale
+    steps = (scores - scores.mean(axis=0)) @ inverse
+    parts = len(steps)
+    scatter = parts / (parts - 1.0) * np.sum(steps**2, axis=0) / np.diagonal(inverse)
+    wider = np.sqrt(np.maximum(scatter, 1.0))
+    return np.asarray(inverse * np.outer(wider, wider))
