@@ -16,9 +16,9 @@ from estimator.missing_force.estimate import missing_force
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import draw
 from hil.bench import load_bench, override
-from hil.bench.addition import add_form
 from hil.bench.template import template, values_of
 from hil.records.force import to_model
+from hil.tracing.addition import add_form
 
 KINDS = (
     "cubic_stiffness",

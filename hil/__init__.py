@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     )
     from hil.loop.run import Interrupted
     from hil.records.methods import MethodRow, Methods
-    from hil.scoring.comparison import Comparison
+    from hil.scoring.diff import Comparison
     from hil.wire.errors import WireError
 
     open = open_live
@@ -83,7 +83,7 @@ __version__: str
 _HOMES = {
     "Bench": "hil.bench",
     "Block": "hil.library.live",
-    "Comparison": "hil.scoring.comparison",
+    "Comparison": "hil.scoring.diff",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
     "Live": "hil.library.live",

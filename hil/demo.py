@@ -88,9 +88,9 @@ def demo(
     file, which only the score reads.  `hil.errors.InputError` or `hil.wire.errors.WireError` when board or bench cannot
     be had.
     """
-    from hil.bench.addition import add_effects, additions
     from hil.errors import InputError
     from hil.report.page import write_report
+    from hil.tracing.addition import add_effects, additions
     from hil.tracing.trace import trace
 
     path = examples.find("bench", EXAMPLE)

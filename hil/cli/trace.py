@@ -154,8 +154,8 @@ def trace(
 def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
     """Write the bench file with what was found: the effects, or else the form of the missing force; whether any
     was."""
-    from hil.bench.addition import add_effects, add_form, additions
     from hil.cli.show import say
+    from hil.tracing.addition import add_effects, add_form, additions
 
     found = additions(diagnosis)
     if found:

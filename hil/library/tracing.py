@@ -53,7 +53,7 @@ class Trace:
         """`bench` with the effects found declared, for the next run.  Raises InputError where there is nothing to add:
         only what is explained is declared.
         """
-        from hil.bench.addition import additions
+        from hil.tracing.addition import additions
 
         found = additions(self.diagnosis)
         if not found:

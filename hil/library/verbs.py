@@ -38,7 +38,7 @@ from hil.records.capture import Hold
 from hil.records.listing import RUNS
 from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder, bench_of_record
-from hil.scoring.comparison import Comparison
+from hil.scoring.diff import Comparison
 from hil.verdict.next_step import PASSING
 
 if TYPE_CHECKING:
@@ -341,7 +341,7 @@ def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison
     """Two runs, or two traces, side by side: figures with the difference b − a and its uncertainty (95 %), and the keys
     of the bench files that differ.
     """
-    from hil.scoring.comparison import compare
+    from hil.scoring.diff import compare
 
     return compare(folder_of("a", a), folder_of("b", b))
 

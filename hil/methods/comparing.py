@@ -9,7 +9,6 @@ import numpy as np
 
 from estimator.errors import ModelError
 from hil.bench import Bench, override
-from hil.bench.addition import additions
 from hil.bench.by_verb import require_usable
 from hil.errors import InputError
 from hil.loop.run import new_folder
@@ -29,6 +28,7 @@ from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
 from hil.scoring.score import require_reach, require_same_run, truth_in
+from hil.tracing.addition import additions
 from hil.tracing.trace import called
 
 

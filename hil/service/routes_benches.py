@@ -48,8 +48,8 @@ def bench(request: Request, name: BenchName) -> str:
 @router.post("/api/benches/{name}/effects", status_code=201)
 def add(request: Request, name: BenchName, adding: Adding) -> dict[str, Any]:
     """Write a new bench file beside the runs: this one, with what a trace found declared (`hil trace --add`)."""
-    from hil.bench.addition import add_effects, add_form, additions
     from hil.records.diagnosis import load_diagnosis
+    from hil.tracing.addition import add_effects, add_form, additions
 
     service, source = service_of(request), _found(request, name)
     try:

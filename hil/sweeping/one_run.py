@@ -231,7 +231,7 @@ def _bound(run: RunFolder, truth: Truth, bench: Bench, scenario: str) -> Row:
 
 def _traced(run: RunFolder, bench: Bench, place: Path) -> tuple[Row, Bench | None]:
     """What a trace says, and the bench with what it explained."""
-    from hil.bench.addition import additions
+    from hil.tracing.addition import additions
     from hil.tracing.trace import trace_file
 
     try:

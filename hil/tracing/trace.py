@@ -30,8 +30,8 @@ from hil.records.force import to_model as force_model
 from hil.replaying.replay import require_fit
 from hil.tracing.also import effects_asked, not_tried
 from hil.tracing.envelope import trace_ring_down
-from hil.tracing.parts import Part, moving, parts_of, sample_of
 from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor
+from hil.tracing.split import Part, moving, parts_of, sample_of
 from hil.tracing.time_left import TimeLeft
 
 _CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from hil.bench import load_bench
-from hil.bench.addition import Addition, add_effects, write_custom
 from hil.bench.examples import find
 from hil.boards.emulation import located
 from hil.errors import InputError
+from hil.tracing.addition import Addition, add_effects, write_custom
 
 CUBIC = Addition("cubic_stiffness", "found in ride", {"k3x": (9.97e12, "± 2e10 1/(m²·s²)"), "k3y": (3e12, "")})
 LINE = Addition("interference:2", "", {"lcx": (1e-9, "m"), "omega": (311.0, "rad/s")})

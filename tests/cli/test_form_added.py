@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from hil.bench import load_bench
-from hil.bench.addition import add_form
 from hil.bench.examples import find
 from hil.records.diagnosis import MissingForce
+from hil.tracing.addition import add_form
 from tests.cli.conftest import WAIT_S, Start, finished, in_lockstep
 
 CUBIC = {

@@ -14,7 +14,6 @@ from estimator import diagnosis as traced
 from estimator.record import Record
 from estimator.residual.spectrum import density
 from estimator.settings import Device, ObserverSettings
-from hil.bench.addition import additions
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
 from hil.records.diagnosis import Diagnosis, MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
@@ -24,6 +23,7 @@ from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
 from hil.report.diagnosis.page import Pictures, headline, write_page
 from hil.report.diagnosis.tables import coefficients, probable
+from hil.tracing.addition import additions
 from hil.verdict.next_step import after_trace
 
 N, RATE, RESONANCE, NOISE = 16000, 4000.0, 200.0, 9e-5
