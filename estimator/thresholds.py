@@ -54,7 +54,6 @@ class Fitness:
 class Candidates:
     """What is watched for, and at which frequencies and thresholds."""
 
-    spare: int = _set(2, "places of the kernels", "So many are left for what is carried already.")
     lines: int = _set(5, "lines", "Beyond the strongest few the next round sees them, once those are carried.")
     line_chance: float = _set(1e-3, "probability", "Watching one line too many costs time only.")
     periods: float = _set(10.0, "periods in the record", "What comes back less often is a drift and no line.")
@@ -80,12 +79,6 @@ class Candidates:
     dead_band: tuple[float, ...] = _set((0.02, 0.06, 0.15, 0.5), "of the drive's rms", "The same for a dead band.")
     clipping: tuple[float, ...] = _set(
         (0.6, 0.75, 0.9, 0.98), "of the largest sensed displacement", "The same for a level of the sense."
-    )
-    corners: tuple[float, ...] = _set(
-        (0.001, 0.005, 0.025), "of ω0", "A high-pass is watched at three corners: its transient hangs on them."
-    )
-    rest: tuple[float, ...] = _set(
-        (0.01, 0.1), "of A ω0", "So slow is the mass where friction turns over, dry or lubricated; a climb goes on."
     )
     segment: int = _set(4096, "samples", "Resolves modes a thousandth of the sampling rate apart.")
     segments: int = _set(8, "segments in the record at least", "A coherence of fewer segments is one by itself.")
@@ -125,75 +118,16 @@ class Scanning:
     parts: int = _set(32, "parts of the record", "Enough to tell scatter from part to part within a quarter.")
     course: int = _set(16, "instants a part", "The angle's sensitivity is drawn and bounded by so many points.")
     jump: float = _set(4.0, "× the usual innovation", "What lies around a jump of the rate counts less from there on.")
-    same: float = _set(0.9992, "likeness of signatures", "Above it the record does not tell two effects apart.")
-    blind: float = _set(1e-9, "of the largest information", "Below it rounding decides what a coefficient is.")
     locked: float = _set(
         0.03, "of the amplitude", "With a larger innovation, the motion gets away from a filter that forgets nothing."
     )
-    apart: float = _set(30.0, "rad over the record", "Closer than five turns, two frequencies are one.")
 
 
 @dataclass(frozen=True)
 class Width:
     """How many candidates an observer each is spent on."""
 
-    alike: float = _set(0.97, "likeness of signatures", "Above it a candidate is carried beside the best.")
-    as_good: float = _set(0.5, "of the best gain", "A candidate with that much is carried beside the best.")
-    refined: float = _set(0.9, "of the best gain", "Whoever comes so near is improved before the choice.")
-    leaders: int = _set(5, "candidates", "Carried before anything is known of how rough the scan is.")
-    scan_deviations: float = _set(2.0, "standard deviations of the scan's own error", "Of those behind, 95 % are seen.")
     power: float = _set(0.05, "of the predicted power, above it", "As much as an explained record may leave.")
-    left: float = _set(0.01, "of the best gain", "Less is a matter for a second effect.")
-    degrees: int = _set(2, "coefficients", "Most effects have one for each axis.")
-    batch: int = _set(8, "kinds", "Tried at a time where the best does not explain everything.")
-
-
-@dataclass(frozen=True)
-class Choice:
-    """The choice of effects for two axes."""
-
-    screened: int = _set(20_000, "samples", "Those that the scan expects least of are compared on so many first.")
-    glanced: int = _set(
-        5_000, "samples", "On the first of those, what has nothing to do with it is far behind already."
-    )
-    learnt: float = _set(2.0 / 3.0, "of the record", "What is found on it must be borne out by the rest.")
-    borne_out: float = _set(
-        0.25, "of its share of the gain", "Flicker and missing codes lose there; a cause that is not linear gains less."
-    )
-    rivals: int = _set(30, "candidates", "Among so many one that later ones may have made superfluous was chosen.")
-
-
-@dataclass(frozen=True)
-class ParameterSearch:
-    """The climb of a frequency, a corner or a threshold."""
-
-    rounds: int = _set(12, "steps", "A climb that has not ended by then follows a ridge without a top.")
-    together: int = _set(8, "steps of Newton's method", "The same for all parameters at once.")
-    beginning: int = _set(10_000, "samples", "From so many a search finds a parameter to a few of its deviations.")
-    beginning_share: float = _set(0.25, "of the record", "The same of a long record, whose amplitude and rate move.")
-    worth_beginning: float = _set(0.5, "of the record", "A longer beginning saves nothing.")
-    first_share: float = _set(0.1, "of the parameter", "First step of a threshold, a corner or a damping ratio.")
-    first_turn: float = _set(0.5, "rad over the record", "First step of a frequency: within the lobe of its line.")
-    near: float = _set(0.2, "standard deviations", "A top that is nearer moves no interval.")
-    fine: float = _set(3.0, "standard deviations", "Over such a step the likelihood is a parabola.")
-    hope: float = _set(4.0, "× the gain so far", "So much may the other parameters still add.")
-    rough_start: float = _set(
-        300.0, "of twice the log-likelihood", "A start from a wide spread may take that off a likelihood."
-    )
-    sweeps: int = _set(3, "searches", "Of parameters that hang on one another; a fourth moved none that three had not.")
-    agree: float = _set(
-        4.0, "standard deviations", "One number that was found in two ways: further apart, chance would have it rarely."
-    )
-    seen: float = _set(0.5, "of twice the log-likelihood", "Less says nothing.")
-    widest: float = _set(0.5, "of the parameter", "A longer step could make it negative.")
-    retreat: float = _set(0.25, "× the step", "Where a step ends outside what the model can follow.")
-    growth: float = _set(2.0, "× the step", "While the likelihood rises.")
-    flat_growth: float = _set(3.0, "× the step", "Where the likelihood says nothing over it.")
-    approach: float = _set(0.3, "× the step", "Where the top is not as high as its parabola promised.")
-    kept: float = _set(0.5, "of the promised gain", "With so much of it, the parabola is right.")
-    jump: float = _set(0.7, "of how much it bent", "Over a shorter step less than a cusp does: a top it is not.")
-    both_sides: float = _set(0.5, "of the deeper side", "By as much it falls on either side of a top that jumps.")
-    jumps: int = _set(4, "shorter steps", "A cliff that is nearer than the last, 1 % of the first, is at the top.")
 
 
 @dataclass(frozen=True)
@@ -379,8 +313,6 @@ class Thresholds:
     start: Start = field(default_factory=Start)
     scan: Scanning = field(default_factory=Scanning)
     width: Width = field(default_factory=Width)
-    choice: Choice = field(default_factory=Choice)
-    parameters: ParameterSearch = field(default_factory=ParameterSearch)
     promises: Promises = field(default_factory=Promises)
     judgement: Judgement = field(default_factory=Judgement)
     nameless: NamelessForce = field(default_factory=NamelessForce)

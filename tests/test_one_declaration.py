@@ -4,6 +4,8 @@ import re
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,11 +17,13 @@ from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.page import page
 from estimator.effects.search import Kin, Search, Sign
+from estimator.identification.candidates import candidates
 from estimator.model.catalogue import MODELS
 from estimator.model.gyro import vx, vy
 from estimator.residual.suspects import suspects
-from estimator.trace.candidates import watch_list
+from estimator.settings import ObserverSettings
 from estimator.trace.kin import are_kin
+from estimator.trace.problem import Problem
 from tests.estimator.test_watch_list import GYRO, WHITE, N, record
 
 ROOT = Path(__file__).parents[1]
@@ -68,7 +72,8 @@ def test_an_effect_that_is_declared_is_suspected_watched_akin_described_and_comp
     assert [effect.name for effect in declared][-1] == "ratchet"
     assert suspects("line at 2")[0] == "ratchet"  # of others a shift is told first
     assert "ratchet" in suspects("amplitude")
-    watched = watch_list(record(), GYRO, WHITE, np.ones((N, 2)))
+    seen: Any = SimpleNamespace(innovation=WHITE, deviation=np.ones((N, 2)))
+    watched = candidates(Problem(record(), GYRO, ObserverSettings()), {}, seen)
     like = {name.partition(":")[2]: given["v0"] for name, given in watched.items() if name.startswith("dry_friction:")}
     assert {label: watched[f"ratchet:{label}"] for label in like} == {label: {"turn": v0} for label, v0 in like.items()}
     assert are_kin("ratchet:1", "drag")

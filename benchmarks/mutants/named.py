@@ -53,22 +53,8 @@ NAMED = (
         "slice(settled, len(record) // every * every)", _CERTAINTY,
     ),
     Named(
-        "foresight is of samples that the model was fitted to",
-        "estimator.trace.fitting", "problem.record.part(slice(seen, len(problem.record)))", "problem.record",
-        _CERTAINTY,
-    ),
-    Named(
-        "whatever was found on the first part carries over",
-        "estimator.trace.observer_model", "    return carried - without > min(", "    return True or min(", _CERTAINTY,
-    ),
-    Named(
         "a number more costs nothing",
         "estimator.trace.criterion", "return numbers * math.log(samples)", "return 0.0", _ENGINE,
-    ),
-    Named(
-        "a parameter costs nothing",
-        "estimator.trace.observer_model",
-        " + sum(p.found_as is None for p in effect.parameters)", "", _CERTAINTY,
     ),
     Named(
         "models are ranked without their price",

@@ -15,6 +15,9 @@ from estimator.settings import Device
 from estimator.trace.candidates import kind
 from estimator.trace.certainty import TWO_SIDED
 
+ROUNDING = 1e-6
+"""Of the information in a plausible size: a record that tells less tells nothing."""
+
 
 def rejected(
     of: Likelihood, device: Device, found: Search, groups: Mapping[str, list[Member]], failed: Mapping[str, str]
@@ -51,17 +54,17 @@ def rejected(
 
 
 def _bound(of: Likelihood, score: Score, scaling: Scaling) -> dict[str, Interval]:
-    """Of each coefficient of which the record says anything, less what the plausible size of the effect says of it."""
+    """Of each coefficient, less what the plausible size of the effect says of it; unbounded where that is all."""
     bound = {}
     wider = TWO_SIDED * float(np.sqrt(max(score.scatter, 1.0)))
     effect = of.effect(score.name)
     assert isinstance(effect, Effect)
     plausible = of.plausible(score.name)
     for c, size, deviation, likely in zip(effect.coefficients, score.size, score.deviation, plausible, strict=True):
-        told = float(deviation**-2.0 - likely**-2.0)
-        if not told > 0.0:
-            continue
-        unit = scaling.coefficient(c)
-        value, half = unit * float(size / (deviation**2 * told)), wider * abs(unit) / told**0.5
+        told, unit = float(deviation**-2.0 - likely**-2.0), scaling.coefficient(c)
+        if told > ROUNDING * float(likely) ** -2.0:
+            value, half = unit * float(size / (deviation**2 * told)), wider * abs(unit) / told**0.5
+        else:
+            value, half = unit * float(size), np.inf
         bound[kind(c.name)] = Interval(value, value - half, value + half, c.unit)
     return bound

@@ -4,7 +4,6 @@ A coefficient is known within its interval only, and of two effects that a recor
 one.  The bench's own observer reads the record once for each such possibility; how far its angle moves is the bound.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -14,7 +13,7 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side, together
 from estimator.trace.certainty import TWO_SIDED
-from estimator.trace.fitting import coefficients_of, fit, run
+from estimator.trace.fitting import run
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import settled_from
 
@@ -55,12 +54,6 @@ class AngleReader:
         asked = [effects, *(_shifted(effects, name, shift) for shift in shifts)]
         usual, *moved = side_by_side([partial(self.angle, one) for one in asked])
         return float(np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved)))
-
-    def mistaken(self, effects: Effects, name: str, other: str, parameters: Mapping[str, float]) -> float:
-        """How far in rad the angle moves, at most, if `other`, fitted to the same record, is there and not `name`."""
-        rest = {key: dict(given) for key, given in effects.items() if key != name}
-        model = fit(self.problem.carrying({**rest, other: parameters}), passes=1)
-        return self.moved(effects, {**rest, other: coefficients_of(model.observer)[other]})
 
 
 def _shifted(effects: Effects, name: str, by: Array) -> dict[str, dict[str, float]]:

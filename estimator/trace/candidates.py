@@ -4,22 +4,18 @@ Where the values come from, an effect's declaration says (`Search`): a frequency
 where it follows the drive, a threshold from how far drive and signal reach.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from itertools import product
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
-from estimator.effects.catalogue import EFFECTS, effect_for
+from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Effect, Source
 from estimator.effects.search import Search
-from estimator.errors import ModelError
-from estimator.observer import senses_allow
 from estimator.record import Record
 from estimator.residual.averaged import cross_density, power_density
 from estimator.residual.spectrum import lines, periodogram
-from estimator.scaling import Array, Scaling
+from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 
@@ -46,111 +42,9 @@ def searched_by(name: str) -> Search | None:
     return None if effect is None else effect.search
 
 
-def is_line(name: str) -> bool:
-    """Whether an effect is a line, which takes up whatever any law leaves at its frequency."""
-    return searched_by(name) is Search.LINES
-
-
-def watch_list(
-    record: Record, device: Device, innovation: Array, deviation: Array, asked: Collection[str] = ()
-) -> dict[str, Parameters]:
-    """Effects to watch, by name (with a label where there are several), each with its parameters in SI.
-
-    innovation, deviation (n, axes) V: of an observer that carries what is known so far; asked: names of those wanted
-    that are tried on request only.
-    """
-    watched: dict[str, Parameters] = {}
-    for effect in (*EFFECTS, *device.own):
-        if effect.declared_only or effect.on(device.axes) is None or not has_signals(effect.signals, record):
-            continue
-        if effect.runs_freely:
-            continue  # an observer is corrected on its way, and a record begins once
-        if not senses_allow(effect, device):
-            continue
-        if effect.on_request and effect.name not in asked:
-            continue
-        if effect.delayed is not None and not np.any(record.drive):
-            continue
-        if not effect.parameters:
-            watched[effect.name] = {}
-    omega0, whitened = float(np.sqrt(device.target)), innovation / deviation
-    values: dict[Search, Values] = {
-        Search.CORNERS: labelled(_SET.corners, omega0),
-        Search.SPEEDS: labelled(_SET.rest, device.amplitude * omega0),
-        Search.LINES: of_lines(record, device, whitened),
-        **of_thresholds(record, device),
-        Search.MODES: of_modes(record, device, whitened),
-    }
-    for search, found in values.items():
-        watched |= _watched_by(search, found, device, asked)
-    return watched | _of_tried(device, record, watched, asked)
-
-
 def labelled(shares: Sequence[float], of: float) -> Values:
     """These shares of a quantity, numbered from 1."""
     return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
-
-
-def _watched_by(search: Search, values: Values, device: Device, asked: Collection[str]) -> dict[str, Parameters]:
-    """All effects of the catalogue that are searched like that, each at all those values."""
-    effects = [
-        effect
-        for effect in EFFECTS
-        if effect.search is search
-        and effect.on(device.axes) is not None
-        and senses_allow(effect, device)
-        and (not effect.on_request or effect.name in asked)
-    ]
-    pairs = [(effect, value) for effect in effects for value in values]
-    if search is Search.LINES:  # a line after the other, as strong as they are
-        pairs = [(effect, value) for value in values for effect in effects]
-    watched = {}
-    for effect, (label, given) in pairs:
-        names = [parameter.name for parameter in effect.parameters]
-        each = given * len(names) if len(given) == 1 else given
-        watched[f"{effect.name}:{label}"] = dict(zip(names, each, strict=True))
-    return watched
-
-
-def _of_tried(
-    device: Device, record: Record, others: Mapping[str, Parameters], asked: Collection[str]
-) -> dict[str, Parameters]:
-    """Effects beside the catalogue that have parameters, and those of it that are asked for, each at the values that
-    its declaration has a trace try; where there is no room for all beside the others, at the first of them.
-
-    Raises ModelError where there is not even room for that.
-    """
-    scaling = Scaling.of(device)
-    possible = [
-        (effect, list(product(*_starts(effect))))
-        for effect in (*device.own, *_asked_at_values(asked))
-        if effect.parameters and effect.on(device.axes) is not None and has_signals(effect.signals, record)
-        if senses_allow(effect, device)
-    ]
-    signals = sum(len(effect_for(name, device.axes, device.own)[1].signals) for name in others)
-    room, signals = MAX_EFFECTS - _SET.spare - len(others), MAX_SIGNALS - _SET.spare - signals
-    watched: dict[str, Parameters] = {}
-    for turn in range(max((len(starts) for _, starts in possible), default=0)):
-        for effect, starts in possible:
-            if turn >= len(starts):
-                continue
-            room, signals = room - 1, signals - len(effect.signals)
-            if room < 0 or signals < 0:
-                if turn == 0:
-                    raise ModelError(f"no room for effect {effect.name} beside the others; have fewer tried")
-                return watched
-            given = zip(effect.parameters, starts[turn], strict=True)
-            watched[f"{effect.name}:{turn + 1}"] = {p.name: value * scaling.coefficient(p) for p, value in given}
-    return watched
-
-
-def _asked_at_values(asked: Collection[str]) -> list[Effect]:
-    """Effects of the catalogue that are asked for and whose declaration says at which values they are tried."""
-    return [
-        effect
-        for effect in EFFECTS
-        if effect.on_request and effect.name in asked and any(parameter.tried for parameter in effect.parameters)
-    ]
 
 
 def _starts(effect: Effect) -> list[tuple[float, ...]]:

@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-from scipy.special import chdtri
 
 from estimator.thresholds import THRESHOLDS
 
@@ -16,11 +15,6 @@ TIE = 2.0 * math.log(_SET.odds)
 def threshold(candidates: int) -> float:
     """Significance (log10 of a probability) that chance reaches for none of so many candidates."""
     return float(-np.log10(_SET.chance / max(candidates, 1)))
-
-
-def chance_gain(degrees: int, candidates: int) -> float:
-    """Gain that chance gives the best of so many candidates, each with so many coefficients."""
-    return float(chdtri(degrees, _SET.chance / max(candidates, 1)))
 
 
 def schwarz(numbers: int, samples: float) -> float:

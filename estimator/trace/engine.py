@@ -9,10 +9,8 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from functools import partial
 from typing import Any, Generic, Protocol, TypeVar
 
-from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import TIE
 from estimator.written import significant
@@ -383,23 +381,6 @@ def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None
             if estimate.gain and estimate.high < -1.0 and not estimate.is_polarity:
                 return f"{name} = {estimate.value:.3g}, a gain of the other sign"
     return None
-
-
-def pruned(model: Reducible[Fit, Look], chosen: Chosen[Fit, Look]) -> Chosen[Fit, Look]:
-    """Less what the later effects have made superfluous; one stays anyhow, and all where there are more than may be."""
-    fit, kept = chosen.fit, dict(chosen.gains)
-    waiting = () if chosen.more else tuple(chosen.gains)
-    while waiting and len(kept) > 1:
-        losses = side_by_side([partial(model.without, fit, name) for name in waiting])
-        for number, (name, (rest, loss)) in enumerate(zip(waiting, losses, strict=True), 1):
-            if loss.gain < loss.bar:  # the others lose it from another model now
-                fit, waiting = rest, waiting[number:]
-                del kept[name]
-                break
-            kept[name] = loss.gain
-        else:
-            waiting = ()
-    return replace(chosen, gains=kept, fit=fit)
 
 
 def tried_reason(tried: Tried, taken: str | None) -> str:

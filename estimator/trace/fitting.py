@@ -22,7 +22,6 @@ from estimator.settings import Device, Gain, ObserverSettings, Variant
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.problem import Problem
-from estimator.trace.scan import PARTS
 from estimator.trace.start import begin_about, begin_moving
 
 _SET = THRESHOLDS.start
@@ -68,24 +67,6 @@ def is_as_predicted(model: Fitted) -> bool:
     return widening(model) ** 2 < 1.0 + THRESHOLDS.width.power
 
 
-def leads(model: Fitted, other: Fitted) -> Array:
-    """By how much twice the log-likelihood of a model is larger than another's, by part of the record (parts,)."""
-    (one, spread), (two, spread_of_other) = (
-        (fitted.estimates.innovation, fitted.estimates.innovation_deviation) for fitted in (model, other)
-    )
-    with np.errstate(invalid="ignore"):
-        lead = (two / spread_of_other) ** 2 - (one / spread) ** 2 + 2.0 * np.log(spread_of_other / spread)
-    return np.array([np.nansum(part) for part in np.array_split(lead, PARTS)])
-
-
-def deficit(model: Fitted, other: Fitted, start: int = 1) -> float:
-    """By how much the other is behind, over the whole record or behind its first part, or so many, if it is less there:
-    what the observer's start alone tells hangs on how it was linearised.
-    """
-    lead = leads(model, other)
-    return float(min(np.sum(lead), np.sum(lead[start:])))
-
-
 def constants_of(observer: Observer) -> dict[str, float]:
     """The base model's constants as estimated, SI, but for the rate, which is no constant."""
     names = observer.model.names[observer.states :]
@@ -107,13 +88,6 @@ def coefficients_of(observer: Observer) -> dict[str, dict[str, float]]:
         }
         for _, effect in observer.effects
     }
-
-
-def parameters_of(model: Fitted, name: str) -> dict[str, float]:
-    """The parameters of one of a model's effects, without its coefficients, SI."""
-    _, effect = effect_for(name, model.observer.device.axes, model.observer.device.own)
-    given = model.settings.effects[name]
-    return {p.name: given[p.name] for p in effect.parameters if p.name in given}
 
 
 def is_lost(innovation: Array, device: Device) -> bool:
@@ -148,13 +122,6 @@ def fit(problem: Problem, passes: int = 2, *, about: Observer | None = None, aga
     starts = [problem.carrying(effects) for effects in _other_starts(problem)]
     others = side_by_side([partial(_fit, start, passes, None, more) for start in starts])
     return max((found, *others), key=lambda fitted: fitted.likelihood)
-
-
-def finished(problem: Problem, model: Fitted) -> Fitted:
-    """`model`, which `fit` came to without `again`, after those that it was spared."""
-    if model.settled or not np.isfinite(model.likelihood):
-        return model
-    return _fit(problem.under(model.settings), 1, model.observer, _SET.again - 1)
 
 
 def _other_starts(problem: Problem) -> list[dict[str, dict[str, float]]]:
@@ -251,24 +218,3 @@ def _steady_rate(problem: Problem, observer: Observer) -> dict[str, float]:
     if "rate" not in observer.names or settings.process_noise.rate * np.sqrt(problem.span) >= settings.spread.rate:
         return {}
     return {"rate": float(observer.state[observer.names.index("rate")])}
-
-
-def carried_on(model: Fitted, record: Record) -> Fitted:
-    """The same pass after the samples of `record`, which follow; of the estimates only the innovations are of both, and
-    the observer of `model` is the one that goes on.
-    """
-    later, before = run(model.observer, record), model.estimates
-    innovation = np.concatenate([before.innovation, later.innovation])
-    deviation = np.concatenate([before.innovation_deviation, later.innovation_deviation])
-    sound = np.isfinite(model.likelihood) and np.isfinite(model.observer.x).all()
-    likelihood = log_likelihood(innovation, deviation) if sound else -np.inf
-    estimates = replace(later, innovation=innovation, innovation_deviation=deviation)
-    return Fitted(model.settings, model.observer, estimates, likelihood)
-
-
-def foresight(problem: Problem, seen: int) -> float:
-    """Twice the log-likelihood of the samples from `seen` on, for a model that was fitted to those before only."""
-    model = fit(problem.part(slice(0, seen)))
-    later = run(model.observer, problem.record.part(slice(seen, len(problem.record))))
-    likelihood = log_likelihood(later.innovation, later.innovation_deviation)
-    return likelihood if np.isfinite(model.observer.x).all() else -np.inf

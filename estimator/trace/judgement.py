@@ -15,15 +15,8 @@ from estimator.residual.floor import floor_deviation, quiet_bins
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitting import Fitted
 
 _SET = THRESHOLDS.judgement
-
-
-def unexplained(model: Fitted, record: Record, resonance_hz: float) -> tuple[str, ...]:
-    """What in the residual of a model is larger than can be left to chance, in words."""
-    estimates, noise = model.estimates, model.observer.device.noise
-    return left_in(estimates.innovation, estimates.innovation_deviation, noise, record, resonance_hz)
 
 
 def left_in(

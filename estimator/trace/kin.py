@@ -8,8 +8,6 @@ little, since friction is far from linear in how slow the mass is where it turns
 channel, the spring or the damping, a vibration shows a shift and its second harmonic.
 """
 
-from collections.abc import Collection, Iterable
-
 from estimator.trace.candidates import declared
 
 
@@ -17,8 +15,3 @@ def are_kin(name: str, other: str) -> bool:
     """Whether both are declared to be of one kin, as the laws of damping are."""
     one, two = declared(name), declared(other)
     return one is not None and two is not None and one.kin is not None and one.kin is two.kin
-
-
-def kin_of(best: str, watched: Iterable[str], tried: Collection[str]) -> list[str]:
-    """All that are watched and akin to the best, whatever they promise, and were not tried."""
-    return [name for name in watched if are_kin(best, name) and name not in tried]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 from estimator.diagnosis import Classes
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import kind
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Look, Round
 from estimator.trace.nameless import Contest
@@ -40,16 +39,6 @@ class Account:
     def weight(self) -> float:
         """Its likelihood over that of the one taken, as far as the record is sure of it."""
         return math.exp(min(-0.5 * self.deficit / max(self.dispersion, 1.0), 300.0))
-
-
-def nearest(accounts: Iterable[Account]) -> tuple[Account, ...]:
-    """Of each kind the one that comes nearest."""
-    best: dict[str, Account] = {}
-    for one in accounts:
-        same = replace(one, name=kind(one.name))
-        if same.name not in best or same.weight > best[same.name].weight:
-            best[same.name] = same
-    return tuple(best.values())
 
 
 def of_rounds(

@@ -15,7 +15,6 @@ from estimator.effects.characteristic import Characteristic, characteristic
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
 from estimator.trace.certainty import TWO_SIDED
-from estimator.trace.criterion import TIE
 from estimator.trace.determined import not_determined
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest
@@ -211,11 +210,6 @@ def constants(claim: Claim) -> tuple[str, ...]:
     return tuple(why for constant in claim.constants if (why := conflict(constant)))
 
 
-def in_conflict(claim: Claim) -> bool:
-    """Whether a constant is not what the device may have, but for the rate, which moves."""
-    return any(conflict(one) for one in claim.constants if one.name != "rate")
-
-
 def undetermined(claim: Claim) -> tuple[str, ...]:
     """A sentence on the constants of which the record says less than the bench file: of 1/σ², the information of both,
     the file's own is more than half.
@@ -311,17 +305,6 @@ PARTLY: tuple[Callable[[Claim], tuple[str, ...]], ...] = (
     fell, observed, signs, beyond_zero, levels, votes, outdone,
 )  # fmt: skip
 """Of what is explained in part: something may be left, and a constant may have taken up some of it."""
-
-
-def shows_at_first(claim: Claim) -> bool:
-    """Whether nothing speaks against the effects, and the part held out, at the floor before and after, tells none of
-    them: it is predicted no worse than without, and no worse than with a force that has no name.
-    """
-    errors, contest = claim.residual, claim.contest
-    if errors.gain is None or contest is None or not errors.at_floor or errors.before > _SET.floor * errors.floor:
-        return False
-    silent = errors.gain > -TIE and contest.lead > -contest.bound
-    return bool(claim.effects) and silent and not broken(claim, (signs, beyond_zero, constants, levels, votes))
 
 
 def broken(claim: Claim, guards: tuple[Callable[[Claim], tuple[str, ...]], ...] = GUARDS) -> tuple[str, ...]:

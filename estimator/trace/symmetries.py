@@ -126,19 +126,6 @@ def shifted(system: System, by: float) -> System:
     return replace(system, late=(sense - by, drive + by, rate + by))
 
 
-def unequal(system: System, axis: int, mass: float) -> System:
-    """The system with `mass` times the mass on one axis, and the forces as they were."""
-    less = np.eye(2)
-    less[axis, axis] = 1.0 / mass
-    return replace(
-        system,
-        stiffness=less @ system.stiffness,
-        damping=less @ system.damping,
-        coriolis=less @ system.coriolis,
-        drive=less @ system.drive,
-    )
-
-
 def system_with(named: Intervals, constants: Constants) -> System:
     """The system as it was found: the base model with those of the named effects that are linear."""
 

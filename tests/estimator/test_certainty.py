@@ -10,9 +10,9 @@ from scipy.stats import norm
 from estimator.effects.catalogue import effect_for
 from estimator.record import Record
 from estimator.settings import ObserverSettings
-from estimator.trace import angle, claims, examination, fitting, observer_model
+from estimator.trace import angle, claims, examination
 from estimator.trace.angle import AngleReader
-from estimator.trace.certainty import TWO_SIDED, all_of, covariance_of, interval_of
+from estimator.trace.certainty import covariance_of
 from estimator.trace.fitting import widening
 from estimator.trace.problem import Problem
 from estimator.trace.searched import NOTHING, Searched
@@ -44,19 +44,6 @@ def fitted(size: float):
     return SimpleNamespace(observer=observer, estimates=estimates, settings=observer.settings)
 
 
-@pytest.mark.parametrize("size", [0.5, 1.0, 2.5])
-def test_an_interval_is_95_percent_of_a_normal_distribution_as_wide_as_the_innovations_say(size):
-    """As wide as predicted where the innovations are no larger: a model is never surer than it says."""
-    model = fitted(size)
-    half = norm.ppf(0.975) * max(size, 1.0) * np.sqrt(np.diagonal(COVARIANCE))
-    found = observer_model.estimates_of(model, {})["drive_gain"]
-    for symbol, value, off in zip(("hx", "hy"), VALUES, half, strict=True):
-        assert (found[symbol].value, found[symbol].low) == pytest.approx((value, value - off), rel=1e-9)
-        assert found[symbol].high == pytest.approx(value + off, rel=1e-9)
-    assert pytest.approx(norm.ppf(0.975), rel=1e-12) == TWO_SIDED
-    assert widening(model) == pytest.approx(max(size, 1.0))
-
-
 def test_lost_samples_do_not_make_a_model_surer():
     model = fitted(2.5)
     model.estimates.innovation[::3] = np.nan
@@ -74,15 +61,6 @@ def test_what_a_searched_parameter_moves_the_coefficients_by_is_in_their_covaria
     expected = 4.0 * (COVARIANCE + 4.0 * np.array([[0.01, -0.02], [-0.02, 0.04]]))
     np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), searched), expected, rtol=1e-12)
     np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), NOTHING), 4.0 * COVARIANCE, rtol=1e-12)
-
-
-def test_a_parameter_along_which_the_likelihood_has_no_top_is_told_as_not_determined():
-    found = Searched(("limit", "v0"), np.diag([0.25, 0.0]), np.zeros((2, 2)))
-    low, high = interval_of("limit", 7.0, fitted(2.0), found)
-    assert (low, high) == pytest.approx((7.0 - norm.ppf(0.975), 7.0 + norm.ppf(0.975)))
-    assert interval_of("v0", 1.2e-5, fitted(2.0), found) == (0.0, np.inf)
-    small = Searched(("v0",), np.array([[1e-12]]), np.zeros((2, 1)))
-    assert interval_of("v0", 1e-5, fitted(1.0), small) == pytest.approx((1e-5 - 1.96e-6, 1e-5 + 1.96e-6), rel=1e-4)
 
 
 @pytest.mark.parametrize("weights", [(1.0, 0.0), (0.3, 1.0), (1.0, -1.0)])
@@ -127,24 +105,6 @@ def test_the_bound_shifts_coefficients_and_no_parameter_and_no_other_effect(monk
     assert len(seen) == 3
     assert all(given["sense_gain"] == {"gy": 0.1} and given["drive_saturation"]["limit"] == 3.0 for given in seen)
     assert effects["drive_saturation"] == {"sx": 1.0, "sy": 1.0, "limit": 3.0}
-
-
-def test_how_far_the_angle_moves_for_another_effect_is_by_the_model_that_carries_it_instead(monkeypatch):
-    carried = {}
-
-    def fit(asked, passes):
-        carried["fitted"] = set(asked.effects)
-        carried["passes"] = passes
-        return SimpleNamespace(observer=None)
-
-    monkeypatch.setattr(angle, "fit", fit)
-    monkeypatch.setattr(angle, "coefficients_of", lambda observer: {"sense_gain": {"gy": 0.4}})
-    monkeypatch.setattr(
-        AngleReader, "angle", lambda self, effects: np.array([0.0, -effects.get("sense_gain", {"gy": 0.1})["gy"]])
-    )
-    effects = {"drive_gain": {"hx": 0.1, "hy": 0.0}, "drag": {"dqx": 1.0}}
-    assert AngleReader(problem()).mistaken(effects, "drive_gain", "sense_gain", {}) == pytest.approx(0.3)
-    assert carried == {"fitted": {"sense_gain", "drag"}, "passes": 1}
 
 
 def test_the_start_of_the_record_is_not_read(monkeypatch):
@@ -258,88 +218,3 @@ def test_errors_of_rate_and_angle_are_those_beside_the_reference():
     found = examination.scored(fit, record, estimates, slice(SPLIT, N), 1)
     assert found.rate_error_rms == pytest.approx(0.02)
     assert found.angle_error_rms == pytest.approx(0.02 * step * np.sqrt(((N - SPLIT) ** 2 - 1) / 12.0))
-
-
-@pytest.mark.parametrize(
-    ("gain", "late", "later", "over"),
-    # a twelfth of the gain, a quarter of the share that the last third has; a quarter of what who has seen the rest
-    # gains there; or what chance gives one effect of two coefficients on one record in 10⁴: −2 ln 10⁻⁴ = 18.42; where
-    # who has seen the rest gains no more than that there, it must not lose what two accounts differ by that are told
-    # apart: 2 ln 20 = 5.99
-    [
-        (120.0, 60.0, 10.1, True), (120.0, 60.0, 9.9, False), (120.0, 60.0, -1.0, False),
-        (1e6, 1e5, 18.5, True), (1e6, 1e5, 18.3, False), (1e6, 80.0, 18.5, True), (1e6, 80.0, 18.3, False),
-        (1e6, 18.3, -5.9, True), (1e6, 18.3, -6.1, False), (1e6, 20.0, 5.1, True), (1e6, 20.0, 4.9, False),
-    ],
-)  # fmt: skip
-def test_what_was_found_on_the_first_part_must_predict_the_rest(monkeypatch, gain, late, later, over):
-    asked = []
-
-    def foresight(problem, seen):
-        asked.append(seen)
-        return 500.0 + later if "drive_gain" in problem.effects else 500.0
-
-    monkeypatch.setattr(observer_model, "foresight", foresight)
-    monkeypatch.setattr(observer_model, "coefficients_of", lambda observer: {})
-    monkeypatch.setattr(observer_model, "parameters_of", lambda model, name: {})
-    by_part = np.zeros(30)
-    by_part[19], by_part[20:] = gain - late, late / 10.0  # the last third
-    monkeypatch.setattr(observer_model, "leads", lambda model, base: by_part)
-    base, model = (SimpleNamespace(likelihood=one, observer=None) for one in (1000.0, 1000.0 + gain))
-    assert observer_model.carries_over(problem(), base, model, "drive_gain") is over
-    assert asked == [800, 800]
-
-
-@pytest.mark.parametrize(("coefficients", "deviations"), [(1, 1.960), (2, 2.448), (4, 3.080)])
-def test_bounds_hold_several_coefficients_together_as_surely_as_one(coefficients, deviations):
-    """The radii within which a normal vector of so many lies in 95 of 100 cases, from the table of χ²."""
-    assert all_of(coefficients) == pytest.approx(deviations, abs=1e-3)
-
-
-def test_foresight_fits_the_first_part_and_scores_the_rest(monkeypatch):
-    asked = problem()
-    seen = []
-
-    def fit(part):
-        seen.append(part.record.sense)
-        return SimpleNamespace(observer=SimpleNamespace(x=np.zeros(2)))
-
-    def run(observer, record):
-        seen.append(record.sense)
-        return SimpleNamespace(innovation=record.sense, innovation_deviation=np.full(record.sense.shape, 2.0))
-
-    monkeypatch.setattr(fitting, "fit", fit)
-    monkeypatch.setattr(fitting, "run", run)
-    found = fitting.foresight(asked, 800)
-    np.testing.assert_array_equal(seen[0], asked.record.sense[:800])
-    np.testing.assert_array_equal(seen[1], asked.record.sense[800:])
-    expected = 2.0 * np.sum(norm.logpdf(asked.record.sense[800:], scale=2.0)) + 800 * np.log(2.0 * np.pi)
-    assert found == pytest.approx(expected)
-
-
-def test_an_observer_that_diverged_predicts_nothing(monkeypatch):
-    monkeypatch.setattr(fitting, "fit", lambda part: SimpleNamespace(observer=SimpleNamespace(x=np.array([np.nan]))))
-    monkeypatch.setattr(
-        fitting, "run", lambda observer, record: SimpleNamespace(innovation=np.ones(2), innovation_deviation=np.ones(2))
-    )
-    assert fitting.foresight(problem(), 800) == -np.inf
-
-
-def test_every_number_of_an_effect_is_paid_for_and_chance_is_by_its_coefficients():
-    """A saturation has two coefficients and a limit: it costs 3 ln n, and must gain what χ² of two gives by chance."""
-    from scipy.stats import chi2
-
-    base = SimpleNamespace(likelihood=900.0, estimates=SimpleNamespace(innovation=np.zeros((N, 2))))
-    current = SimpleNamespace(fitted=base)
-    look = SimpleNamespace(evidence=dict.fromkeys(range(25)))
-    likelihoods = {"drive_gain": 1000.0, "drive_saturation:2": 1007.0, "nonreciprocal_stiffness": 950.0}
-    fits = {name: SimpleNamespace(fitted=SimpleNamespace(likelihood=one)) for name, one in likelihoods.items()}
-    scores = observer_model.ObserverModel(problem()).score(current, look, fits)
-    samples = 2 * N
-    for name, numbers, coefficients in (
-        ("drive_gain", 2, 2), ("drive_saturation:2", 3, 2), ("nonreciprocal_stiffness", 1, 1),
-    ):  # fmt: skip
-        assert scores[name].price == pytest.approx(numbers * np.log(samples))
-        assert scores[name].bar == pytest.approx(chi2.isf(1e-4 / 25, coefficients))
-        assert scores[name].gain == fits[name].fitted.likelihood - 900.0
-    assert scores["drive_gain"].standing > scores["drive_saturation:2"].standing

@@ -22,11 +22,9 @@ from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.thresholds_page import page
-from estimator.trace import determined, examination, fitness, fitting, nameless, parameters, promises
-from estimator.trace.evidence import likeness
+from estimator.trace import determined, examination, fitness, nameless, promises
 from estimator.trace.free_run import verdict_of
 from estimator.trace.nameless import Contest
-from estimator.trace.parameters import Hill
 from estimator.trace.probability import NOTHING, OTHER, Account, classes, stated
 from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
@@ -96,43 +94,6 @@ def test_the_strongest_line_is_one_that_holds_much_of_the_power(share: float, *,
 
 
 # -- likelihoods -----------------------------------------------------------------------------------------------------
-
-
-def test_a_lead_is_the_difference_of_the_likelihoods_whatever_is_predicted() -> None:
-    random = np.random.default_rng(3)
-    one, two = of(random.standard_normal((640, 2)), 1.3), of(random.standard_normal((640, 2)), 0.8)
-    expected = [
-        2.0 * np.sum(stats.norm.logpdf(model.estimates.innovation, scale=model.estimates.innovation_deviation))
-        for model in (one, two)
-    ]
-    assert np.sum(fitting.leads(one, two)) == pytest.approx(expected[0] - expected[1])
-
-
-def test_a_deficit_is_that_behind_the_first_part_where_it_is_less_there() -> None:
-    """Of 32 parts with an innovation of 1: those of 2 lose 3 a number."""
-    one, two = np.ones((640, 2)), np.ones((640, 2))
-    two[:20] = 2.0
-    assert fitting.deficit(of(one, 1.0), of(two, 1.0)) == 0.0
-    two[20:40] = 2.0
-    assert fitting.deficit(of(one, 1.0), of(two, 1.0)) == pytest.approx(20 * 2 * 3.0)
-    assert fitting.deficit(of(one, 1.0), of(two, 1.0), 2) == 0.0
-    assert fitting.deficit(of(two, 1.0), of(one, 1.0)) == pytest.approx(-2 * 20 * 2 * 3.0)
-
-
-def test_an_observer_one_of_whose_states_diverged_predicts_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    diverged = SimpleNamespace(observer=SimpleNamespace(x=np.array([1.0, np.nan])))
-    monkeypatch.setattr(fitting, "fit", lambda part: diverged)
-    monkeypatch.setattr(fitting, "run", lambda observer, record: of(np.ones((9, 2)), 1.0).estimates)
-    assert fitting.foresight(ring(90), 50) == -np.inf
-
-
-def test_a_signature_of_nothing_is_like_none() -> None:
-    scan: Any = SimpleNamespace(
-        columns={"drag": slice(0, 1), "sense_gain": slice(1, 2)},
-        normal=np.ones((4, 2, 2)) + np.eye(2), score=np.ones((4, 2)), plausible=np.ones(2),
-    )  # fmt: skip
-    assert likeness(scan, "drag", np.zeros(1)) == {}
-    assert set(likeness(scan, "drag", np.ones(1))) == {"sense_gain"}
 
 
 def test_what_is_held_is_known_and_what_is_not_stays_as_sure_as_it_was() -> None:
@@ -220,44 +181,6 @@ def test_a_free_run_without_effects_is_adequate_up_to_three_times_the_noise(off:
 
 
 TOP, COVARIANCE = np.array([2.0, 5.0]), np.array([[0.04, 0.01], [0.01, 0.09]])
-
-
-def hill(moved: Any = None) -> Hill:
-    """A likelihood that is a parabola, twice its logarithm −(p − t)ᵀ C⁻¹ (p − t)."""
-    made = Hill.__new__(Hill)
-    made.seen = {}
-
-    def at_each(places: Any) -> list[float]:
-        for place in places:
-            value = -float((place - TOP) @ np.linalg.solve(COVARIANCE, place - TOP))
-            made.seen[place.tobytes()] = value, None if moved is None else moved @ place
-        return [made.seen[place.tobytes()][0] for place in places]
-
-    made.passed = []
-    made.at_each = at_each  # type: ignore[method-assign]
-    made.at = lambda place: at_each([place])[0]  # type: ignore[method-assign]
-    return made
-
-
-def test_all_parameters_at_once_go_to_the_top_of_a_parabola_with_its_covariance() -> None:
-    place, covariance, _ = hill().together(np.array([1.7, 5.5]), np.array([0.2, 0.3]))
-    np.testing.assert_allclose(place, TOP, rtol=1e-9)
-    np.testing.assert_allclose(covariance, COVARIANCE, rtol=1e-9)
-
-
-def test_how_far_a_parameter_moves_a_coefficient_is_its_derivative() -> None:
-    moved = np.array([[3.0, -1.0], [0.5, 2.0], [7.0, 0.0]])
-    np.testing.assert_allclose(hill(moved).moves(TOP, np.array([0.2, 0.3])), moved, rtol=1e-9)
-
-
-def test_a_place_where_an_effect_is_a_simpler_one_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
-    made = hill()
-    made.problem, made.name, made.names = ring(20), "drive_saturation", ("limit",)
-    monkeypatch.setattr(
-        parameters, "turned_into", lambda problem, name, given: "drive gain" if given["limit"] < 1.0 else None
-    )
-    assert made.turned(np.array([0.5]))
-    assert not made.turned(np.array([1.5]))
 
 
 def test_a_root_that_oscillates_has_two_numbers_and_one_that_decays_has_one() -> None:

@@ -7,9 +7,8 @@ from typing import Any, ClassVar
 import pytest
 
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.criterion import TIE, chance_gain, extended, schwarz, threshold
+from estimator.trace.criterion import TIE
 from estimator.trace.engine import (
-    Chosen,
     Dissent,
     Estimate,
     Outcome,
@@ -24,7 +23,6 @@ from estimator.trace.engine import (
     last_carried,
     leader,
     leaves_the_rest,
-    pruned,
     tried_reason,
     unphysical,
     why_not,
@@ -401,20 +399,6 @@ def test_no_exchange_for_one_that_the_rest_objects_to_or_that_costs_what_it_gain
     assert names(drawn(worths={"reading": Worth(0.0, impossible=True)})[1]) == ["force", "cubic"]
 
 
-def test_what_became_superfluous_is_taken_out_and_the_rest_say_what_they_would_lose():
-    effects = {"double": Worth(0.0), "truth": Worth(0.0, price=20.0), "other": Worth(0.0)}
-    family = Overlap(effects)
-    found = pruned(family, choose(family, (), rules(most=4)))
-    assert names(found) == ["double", "other", "truth"]
-    assert found.gains == {"other": 90.0 - 45.0, "truth": 90.0 - 25.0}
-    assert found.fit == ("other", "truth")
-    # With as many as may be, and still something left, nothing is sure enough to take anything out.
-    family = Overlap({**effects, "more": Worth(0.0)})
-    full = pruned(family, choose(family, (), rules(most=3)))
-    assert full.more
-    assert list(full.gains) == ["double", "other", "truth"]
-
-
 def test_beside_one_that_took_a_place_the_others_are_asked_again():
     """A drag is worth something beside a line and nothing beside the coupling, which comes after a spring."""
 
@@ -479,17 +463,6 @@ def test_whoever_leaves_its_place_is_told_beside_whom(gone, stays):
     found = choose(family, (), rules(most=5), reducible=family)
     assert names(found) == [stays, "third"]
     assert found.barred == {gone: "superfluous beside third"}
-
-
-def test_of_two_that_stand_for_each_other_one_stays():
-    class Either(Stub):
-        def likelihood(self, carried):
-            return 10.0 if carried else 0.0
-
-    both = Chosen((), (), {}, more=False, gains={"a": 10.0, "b": 5.0}, fit=("a", "b"))
-    one = pruned(Either({"a": Worth(10.0), "b": Worth(10.0)}), both)
-    assert one.fit == ("b",)
-    assert one.gains == {"b": 5.0}
 
 
 @pytest.mark.parametrize("dissent", Dissent)
@@ -630,15 +603,6 @@ def test_progress_never_passes_its_end():
     said = []
     choose(Stub({"a": Worth(9.0), "b": Worth(0.5)}), (), rules(most=2), lambda done, most: said.append((done, most)))
     assert said == [(0, 2), (1, 2), (2, 2)]
-
-
-def test_prices_are_those_of_the_papers():
-    assert schwarz(3, 1000.0) == pytest.approx(3.0 * math.log(1000.0))
-    assert extended(3, 1000.0, 20) == pytest.approx(3.0 * math.log(1000.0) + 2.0 * math.log(20.0))
-    # By chance alone the largest of m χ² of two degrees exceeds x with m exp(−x/2), where that is small.
-    assert chance_gain(2, 40) == pytest.approx(-2.0 * math.log(1e-4 / 40))
-    assert 10.0 ** -threshold(40) * 40 == pytest.approx(1e-4)
-    assert THRESHOLDS.criterion.chance == 1e-4
 
 
 @pytest.mark.parametrize("outcome", [Outcome.TOO_DEAR, Outcome.BEATEN, Outcome.OBJECTED])

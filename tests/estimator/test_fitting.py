@@ -11,7 +11,7 @@ from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
 from estimator.trace import fitting, prediction
-from estimator.trace.fitting import carried_on, coefficients_of, constants_of, finished, fit, run
+from estimator.trace.fitting import coefficients_of, constants_of, fit, run
 from estimator.trace.problem import Problem
 
 SAMPLE_RATE, N, RATE = 96_000.0, 16_000, -0.62
@@ -140,17 +140,6 @@ def test_begun_about_a_part_of_the_record_one_pass_says_what_two_do() -> None:
 
 
 @pytest.mark.moderate
-def test_a_pass_that_is_carried_on_is_the_pass_over_all() -> None:
-    problem = Problem(hummed(ring_down(RATE)), DEVICE, SETTLED).carrying({"interference": {"omega": LINE}})
-    begun = fit(problem.part(slice(0, N // 4)), passes=1)
-    whole, going = fit(problem, passes=1), carried_on(begun, problem.record.part(slice(N // 4, N)))
-    np.testing.assert_allclose(going.estimates.innovation, whole.estimates.innovation, rtol=1e-9, atol=1e-12)
-    np.testing.assert_allclose(going.estimates.innovation_deviation, whole.estimates.innovation_deviation, rtol=1e-9)
-    assert going.likelihood == pytest.approx(whole.likelihood, rel=1e-12)
-    assert carried_on(replace(begun, likelihood=-np.inf), problem.record.part(slice(0, 10))).likelihood == -np.inf
-
-
-@pytest.mark.moderate
 @pytest.mark.parametrize(("opening", "share", "warm", "first"), [
     (N // 4, 0.1, False, N // 4),
     (N // 8, 0.5, False, N // 2),
@@ -224,41 +213,3 @@ def test_a_fit_that_comes_to_nothing_is_begun_elsewhere_too(
     scaled = [start / omega0 if start == 0.3 else start for start in starts]
     assert asked == pytest.approx(scaled)
     assert vars(found)["begun"] == pytest.approx(best / omega0 if best == 0.3 else best)
-
-
-@pytest.mark.parametrize(
-    ("moves", "size", "settled"),
-    # how far a coefficient moves in the second pass and after, of the spread that each began with; how large the
-    # innovations are, of what the observer takes them to be
-    [
-        ([0.9], 1.0, True), ([1.1, 0.9], 1.0, True), ([1.1, 1.1, 1.1], 1.0, False), ([1.1, 0.9], 0.5, True),
-        ([1.1], 1.2, True), ([1.3, 1.1], 1.2, True),
-    ],
-)  # fmt: skip
-def test_another_pass_follows_where_a_coefficient_leaves_the_spread_as_wide_as_the_innovations_make_it(
-    monkeypatch: pytest.MonkeyPatch, moves: list[float], size: float, *, settled: bool
-) -> None:
-    """At once, or when it is asked for."""
-    problem = Problem(hummed(ring_down(RATE)), DEVICE, SETTLED).part(slice(0, 40))
-    problem = problem.carrying({"interference": {"omega": LINE}})
-    coefficients: list[float] = []
-
-    def moved(observer: Observer, record: Record) -> SimpleNamespace:
-        observer.x[-1] += [5.0, *moves][len(coefficients)] * observer.coefficient_deviations[-1]
-        coefficients.append(float(observer.x[-1]))
-        innovation = np.full((len(record), 2), size)
-        return SimpleNamespace(innovation=innovation, innovation_deviation=np.ones_like(innovation))
-
-    monkeypatch.setattr(fitting, "run", moved)
-    monkeypatch.setattr(fitting, "is_lost", lambda innovation, device: False)
-    assert fit(problem).settled is settled
-    assert len(coefficients) == 1 + len(moves)
-    whole = coefficients.copy()
-    coefficients.clear()
-    begun = fit(problem, again=False)
-    assert coefficients == whole[:2]
-    assert begun.settled is (len(moves) == 1)
-    assert finished(problem, begun).settled is settled
-    assert coefficients == pytest.approx(whole)
-    assert finished(problem, replace(begun, likelihood=-np.inf, settled=False)).likelihood == -np.inf
-    assert len(coefficients) == len(whole)

@@ -11,7 +11,7 @@ from estimator.residual.effective import autocorrelation, effective_samples
 from estimator.residual.floor import floor_deviation, quiet_bins
 from estimator.residual.spectrum import periodogram
 from estimator.trace import judgement
-from estimator.trace.judgement import power_over_prediction, predictable_share, steadied, unexplained
+from estimator.trace.judgement import left_in, power_over_prediction, predictable_share, steadied
 
 N, RATE, RESONANCE = 60_000, 4000.0, 200.0
 CYCLE = 20
@@ -36,7 +36,13 @@ def tone(frequency: float, power: float, samples: int = N):
 
 
 def said(innovation, **other) -> tuple[str, ...]:
-    return unexplained(model(innovation, **other), RECORD, RESONANCE)
+    return left(model(innovation, **other), RESONANCE)
+
+
+def left(seen, resonance: float) -> tuple[str, ...]:
+    estimates = seen.estimates
+    noise = seen.observer.device.noise
+    return left_in(estimates.innovation, estimates.innovation_deviation, noise, RECORD, resonance)
 
 
 @pytest.mark.moderate
@@ -180,7 +186,7 @@ def test_all_is_judged_in_cycles_of_the_resonance(monkeypatch):
     monkeypatch.setattr(judgement, "steadied", steady)
     monkeypatch.setattr(judgement, "power_over_prediction", power)
     monkeypatch.setattr(judgement, "predictable_share", lambda series, lags: asked.setdefault("lags", lags) * 0.0)
-    assert unexplained(model(white()), RECORD, 201.0) == ()
+    assert left(model(white()), 201.0) == ()
     assert asked == {
         "steadied": (8 * 19, 19), "power": (N - 8 * 19, 8 * 19, pytest.approx(RATE), 201.0), "lags": 4 * 19
     }  # fmt: skip

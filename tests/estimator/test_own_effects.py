@@ -4,6 +4,8 @@ differences, code kept by what it consists of.
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +16,14 @@ from estimator.custom.building import built
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
+from estimator.identification.candidates import candidates
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Scaling
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from estimator.simulation import simulate
-from estimator.trace.candidates import watch_list
-from estimator.trace.problem import Problem
+from estimator.trace.problem import Effects, Problem
 from estimator.trace.scan import scan
 from tests.estimator.test_effects import OMEGA0, device
 
@@ -328,19 +330,14 @@ def test_a_candidate_of_a_trace_is_tried_at_its_values() -> None:
     )
     sense, drive = record()
     whole = Record(sense, drive[:, :, None], np.full(SAMPLES, 1 / 4000.0))
-    watched = watch_list(whole, with_own(declared), sense, np.ones_like(sense))
-    assert [watched[f"mine:{label}"]["s0"] for label in (1, 2, 3)] == pytest.approx([1e-6, 1e-5, 1e-4])
-    several = replace(device(), own=tuple(replace(with_own(declared).own[0], name=f"mine{k}") for k in range(12)))
-    crowd = watch_list(whole, several, sense, np.ones_like(sense))
-    assert all(f"mine{k}:1" in crowd for k in range(12))  # each of them, and as many values as there is room for
-    assert "mine0:2" in crowd
-    assert "mine11:3" not in crowd
-    scan(Problem(whole, several, ObserverSettings()), crowd)
-    many = replace(several, own=tuple(replace(with_own(declared).own[0], name=f"mine{k}") for k in range(60)))
-    with pytest.raises(ModelError, match="no room for effect"):
-        watch_list(whole, many, sense, np.ones_like(sense))
-    bare = ALIKE["cubic_stiffness"][0]
-    assert watch_list(whole, with_own(bare), sense, np.ones_like(sense))["mine"] == {}
+    seen: Any = SimpleNamespace(innovation=sense, deviation=np.ones_like(sense))
+
+    def tried(of: Device) -> Effects:
+        return candidates(Problem(whole, of, ObserverSettings()), {}, seen)
+
+    mine = tried(with_own(declared))
+    assert [mine[f"mine:{label}"]["s0"] for label in (1, 2, 3)] == pytest.approx([1e-6, 1e-5, 1e-4])
+    assert tried(with_own(ALIKE["cubic_stiffness"][0]))["mine"] == {}
 
 
 @pytest.mark.moderate

@@ -7,24 +7,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.effects.catalogue import effect_for
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from estimator.trace import fitting
 from estimator.trace.fitting import (
     Fitted,
-    carried_on,
-    coefficients_of,
     constants_of,
-    deficit,
     fit,
-    leads,
     log_likelihood,
-    parameters_of,
 )
 from estimator.trace.problem import Problem
-from estimator.trace.scan import PARTS
 from tests.estimator.device import UNLIKE as DEVICE
 
 N = 640
@@ -218,29 +211,6 @@ def test_constants_are_behind_the_motion_and_are_not_the_rate() -> None:
     assert constants_of(observer) == {"kxx": 3.0, "dxx": 5.0}
 
 
-def test_an_effect_has_its_coefficients_as_found_and_its_parameters_as_given() -> None:
-    """Under their own names, though the observer labels those of a second one of a kind."""
-    _, first = effect_for("drive_saturation:1", 2)
-    symbols = [c.name.partition(":")[0] for c in first.coefficients]
-    settings = ObserverSettings(effects={"drive_saturation:1": {"limit": 7.0, symbols[0]: 99.0}, "drive_gain": {}})
-    names = [c.name for c in first.coefficients] + ["hx", "hy"]
-    observer: Any = SimpleNamespace(
-        names=names, state=np.arange(1.0, len(names) + 1.0), settings=settings, device=DEVICE,
-        effects=[effect_for("drive_saturation:1", 2), effect_for("drive_gain", 2)],
-    )  # fmt: skip
-    found = coefficients_of(observer)
-    assert found == {
-        "drive_saturation:1": {**dict(zip(symbols, (1.0, 2.0), strict=True)), "limit": 7.0},
-        "drive_gain": {"hx": 3.0, "hy": 4.0},
-    }
-    model: Any = SimpleNamespace(observer=observer, settings=settings)
-    assert parameters_of(model, "drive_saturation:1") == {"limit": 7.0}
-    assert parameters_of(model, "drive_gain") == {}
-    bare = ObserverSettings(effects={"sense_high_pass": {"leak_x": 3.0}})
-    model = SimpleNamespace(observer=SimpleNamespace(device=DEVICE, settings=bare), settings=bare)
-    assert parameters_of(model, "sense_high_pass") == {"leak_x": 3.0}  # what is not given is the declaration's
-
-
 # -- likelihoods ------------------------------------------------------------------------------------------------------
 
 
@@ -255,34 +225,6 @@ def test_what_is_lost_or_has_no_deviation_counts_for_nothing() -> None:
         assert log_likelihood(innovation, deviation) == pytest.approx(
             -(2.25 + 2.0 * np.log(2.0) + 4.0 + 2.0 * np.log(0.5))
         )
-
-
-def test_a_deficit_is_over_all_or_behind_the_first_parts() -> None:
-    one, two = np.ones((PARTS * 10, 1)), np.ones((PARTS * 10, 1))
-    two[:10], two[10:20], two[-10:] = 5.0, 3.0, 2.0
-    best, other = model(one), model(two)
-    assert leads(best, other).tolist() == [240.0, 80.0, *[0.0] * (PARTS - 3), 30.0]
-    assert deficit(best, other) == 110.0
-    assert deficit(best, other, 2) == 30.0
-    assert deficit(other, best) == -350.0  # over all, where that is less
-
-
-@pytest.mark.parametrize(("likelihood", "x", "sound"), [(1.0, 0.0, True), (-np.inf, 0.0, False), (1.0, np.nan, False)])
-def test_a_pass_that_goes_on_has_the_innovations_of_both(
-    monkeypatch: pytest.MonkeyPatch, likelihood: float, x: float, *, sound: bool
-) -> None:
-    begun = model(np.full((4, 1), 3.0), 2.0, likelihood, x)
-
-    def run(observer: Any, record: Any) -> Any:
-        assert observer is begun.observer
-        return _Estimates(np.full((6, 1), 1.0), np.full((6, 1), 0.5))
-
-    monkeypatch.setattr(fitting, "run", run)
-    monkeypatch.setattr(fitting, "replace", lambda what, **given: SimpleNamespace(**{**vars(what), **given}))
-    found = carried_on(begun, None)  # type: ignore[arg-type]
-    assert found.estimates.innovation[:, 0].tolist() == [3.0] * 4 + [1.0] * 6
-    expected = -4.0 * (2.25 + 2.0 * np.log(2.0)) - 6.0 * (4.0 + 2.0 * np.log(0.5))
-    assert found.likelihood == (pytest.approx(expected) if sound else -np.inf)
 
 
 class _Estimates:

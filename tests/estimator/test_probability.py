@@ -14,7 +14,6 @@ from estimator.trace.probability import (
     beside_nothing,
     classes,
     doubted,
-    nearest,
     of_rounds,
     stated,
 )
@@ -114,11 +113,6 @@ def test_where_nothing_is_named_nothing_is_what_all_are_compared_with() -> None:
     said = classes(None, found, Contest(0.0, 5.0, 5.0, 40_000), is_open=False)
     assert said.effect is None
     assert said.probabilities[NOTHING] > 0.95
-
-
-def test_of_a_kind_the_nearest_stands_for_all() -> None:
-    found = nearest((Account("interference:1", 9.0), Account("interference:2", 4.0), Account(NOTHING, 7.0)))
-    assert {one.name: one.deficit for one in found} == {"interference": 4.0, NOTHING: 7.0}
 
 
 def test_without_a_contest_nothing_is_said_for_something_else() -> None:

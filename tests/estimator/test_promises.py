@@ -380,48 +380,8 @@ CALM = Claim(
 )
 
 
-@pytest.mark.parametrize(
-    ("part", "shows"),
-    [
-        ({}, True),
-        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=-5.9)}, True),  # 2 ln 20 = 5.99
-        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=-6.1)}, False),
-        ({"residual": Errors(1.02, 1.02, 1.0, 1e5)}, False),
-        ({"residual": Errors(1.11, 1.02, 1.0, 1e5, gain=-1.5)}, False),  # it had something to show
-        ({"residual": Errors(1.02, 1.11, 1.0, 1e5, gain=-1.5)}, False),
-        ({"contest": None}, False),
-        ({"contest": Contest(-1.5, 5.0, -0.9, 1000)}, True),
-        ({"contest": Contest(-1.5, 5.0, -1.1, 1000)}, False),  # a force without a name predicts it better
-        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=-TIE)}, False),  # told apart, by so much
-        ({"residual": Errors(1.02, 1.02, 1.0, 1e5, gain=math.nextafter(-TIE, 0.0))}, True),
-        ({"contest": Contest(-1.5, TIE, 0.0, 1000)}, False),
-        ({"contest": Contest(-1.5, math.nextafter(TIE, 0.0), 0.0, 1000)}, True),
-        ({"effects": {}}, False),
-        ({"effects": {"sense_high_pass": {"hpx": Estimate(-2.0, -3.0, -1.0, positive=True)}}}, False),
-        ({"effects": {"sense_high_pass": {"hpx": Estimate(0.5, -0.5, 1.5)}}}, False),
-        ({"constants": (Constant("kxx", 1.22, 1.21, 1.23, declared=1.0, deviation=0.05),)}, False),
-        ({"levels": (Level("saturation", 0.2, 5.2, lowest=0.2, highest=5.8, noise=1e-3),)}, False),
-        ({"votes": (Vote("error of the angle", "rad", Errors(0.22, 0.24, 0.003, samples=1.0)),)}, False),
-    ],
-)
-def test_what_only_the_beginning_shows_has_nothing_for_or_against_it_in_the_part_held_out(
-    part: dict, *, shows: bool
-) -> None:
-    assert promises.shows_at_first(replace(CALM, **part)) is shows
-
-
 def test_a_constant_may_have_either_sign_unless_it_is_said_otherwise() -> None:
     assert not Constant("kxy", -5.0, -6.0, -4.0, declared=-5.0, deviation=1.0).positive
-
-
-def test_a_rate_that_moves_is_in_no_conflict_and_is_not_to_be_determined() -> None:
-    far = Constant("dyy", 9.0, 8.0, 10.0, declared=1.0, deviation=1.0)
-    assert promises.in_conflict(replace(HOLDS, constants=(far,)))
-    assert promises.in_conflict(replace(HOLDS, constants=(replace(far, value=1.0), far)))
-    rate = replace(far, name="rate")
-    assert not promises.in_conflict(replace(HOLDS, constants=(rate,)))
-    wide = replace(rate, low=-9.0, high=27.0)
-    assert promises.undetermined(replace(HOLDS, constants=(wide,))) == ()
 
 
 def test_what_the_bench_file_says_more_of_than_the_record_is_not_determined() -> None:

@@ -12,7 +12,6 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
-from estimator.trace.evidence import evidence, likeness
 from estimator.trace.fitting import run
 from estimator.trace.problem import Problem
 from estimator.trace.scan import scan
@@ -93,26 +92,6 @@ def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: s
         moved = (run(observer, record()).innovation - without) / 1e-4
         expected = np.sum(np.einsum("nab,nb->na", white(), moved) ** 2)
         assert normal[column, column] == pytest.approx(expected, rel=0.1 if name in KINKED else 0.01)
-
-
-@pytest.mark.moderate
-def test_nothing_is_evident_where_nothing_is_missing() -> None:
-    watched = {
-        effect.name: {}
-        for effect in EFFECTS
-        if not (effect.parameters or effect.declared_only or effect.runs_freely) and effect.name not in WITHOUT_CHANNEL
-    }
-    noisy = loop_record(EXPERIMENTS[-1], DEVICE, SETTINGS, latency=1, noise=1.0)
-    found = evidence(scan(Problem(noisy, DEVICE, SETTINGS), watched))
-    assert max(item.significance for item in found.values()) < 4.0
-
-
-@pytest.mark.moderate
-def test_a_low_pass_far_above_looks_like_a_delay_and_nothing_like_a_cubic() -> None:
-    seen = scan(Problem(record(), DEVICE, SETTINGS), {"sense_delay": {}, "sense_low_pass": {}, "cubic_stiffness": {}})
-    alike = likeness(seen, "sense_delay", np.array([1e-6, 2e-6]))
-    assert alike["sense_low_pass"] > 0.9999
-    assert alike["cubic_stiffness"] < 0.9
 
 
 def test_the_ratio_of_an_observer_that_never_predicted_anything_is_no_number() -> None:

@@ -11,8 +11,6 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.fitting import fit, leads, run
-from estimator.trace.problem import Problem
 from estimator.trace.start import begin_about, begin_moving, first_motion, settled_from, settling
 
 RATE, OMEGA = 4000.0, 2.0 * np.pi * 200.0
@@ -186,21 +184,3 @@ def test_a_single_axis_a_motion_that_is_given_and_what_does_not_vibrate_begin_as
     as_it_was = observer.state.copy()
     begin_moving(observer, shown(60, np.full(60, 1.0 / RATE)))
     np.testing.assert_array_equal(observer.state, as_it_was)
-
-
-def test_with_a_bent_channel_the_beginning_is_followed_like_the_rest() -> None:
-    """By a filter that begins at rest it is not: its innovations there are several times what it takes them to be."""
-    samples, bend = 4000, 0.1  # 1/V
-    record = shown(samples, np.full(samples, 1.0 / RATE), bend)
-    record.sense[:] += np.random.default_rng(8).normal(0.0, 1e-4, record.sense.shape)
-    carried = {"sense_quadratic": {"a2x": bend * 890.0, "a2y": bend * 890.0}}
-    still = replace(DEVICE, damping=(0.0, 0.0, 0.0))
-    problem = Problem(record, still, replace(SETTINGS, effects=carried))
-    fitted = fit(problem)
-    first = (fitted.estimates.innovation / fitted.estimates.innovation_deviation)[: samples // 32]
-    assert np.mean(first**2) < 1.3
-    at_rest = Observer(still, fitted.settings)
-    begin_about(at_rest, fitted.observer)
-    begun = run(at_rest, record)
-    assert np.mean((begun.innovation / begun.innovation_deviation)[: samples // 32] ** 2) > 4.0
-    assert leads(fitted, replace(fitted, estimates=begun))[0] > 100.0
