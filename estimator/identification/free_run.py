@@ -28,9 +28,9 @@ from estimator.identification.likelihood import (
     blocks_of,
     observer_of,
 )
+from estimator.identification.noise import effective_samples
 from estimator.observer import Observer
 from estimator.record import Record
-from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import REMEMBERED, simulate

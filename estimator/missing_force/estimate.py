@@ -10,6 +10,10 @@ import numpy as np
 from estimator.diagnosis import Interval
 from estimator.effects.declaration import si_unit
 from estimator.errors import ModelError
+from estimator.identification.filtered import Filtered
+from estimator.identification.fit import fit
+from estimator.identification.likelihood import ObserverLayout, observer_of
+from estimator.identification.noise import TWO_SIDED
 from estimator.missing_force.following import follow
 from estimator.missing_force.latent import Latent
 from estimator.missing_force.law import Law, constants_alone, part_of, propose, with_constants
@@ -24,9 +28,8 @@ from estimator.missing_force.switching import Levels, levels_of
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Sensed
-from estimator.trace.certainty import TWO_SIDED
-from estimator.trace.fitting import constants_of, fit
 from estimator.trace.problem import Problem
+from estimator.trace.start import begin_moving
 
 _BEFORE, _AFTER = 120_000, 80_000  # samples on either side of the split
 _CHOICE = 30_000  # of those before it, by which the form is chosen
@@ -119,12 +122,8 @@ def _stretch(problem: Problem, split: int, levels: Levels | None = None) -> _Str
     shifted = levels.half * levels.path
     unit = Observer(problem.device, problem.settings).volts
     clear = np.where(hidden[:, None], np.nan, record.sense - shifted * unit)
-    fitted = fit(problem.on(replace(record, sense=clear).part(slice(0, split - first))).carrying({}))
-    found = constants_of(fitted.observer)
-    observer = Observer(problem.device, fitted.settings)
-    if not all(np.isfinite(value) for value in found.values()):
-        observer = Observer(problem.device, replace(problem.settings, effects={}))
-        found = constants_of(observer)
+    found = _constants(problem.on(replace(record, sense=clear).part(slice(0, split - first))).carrying({}))
+    observer = Observer(problem.device, replace(problem.settings, effects={}))
     scaled = scaled_constants(observer, found)
     z, u, h, _ = observer.scaled(record.sense, record.drive, record.step, None)
     axes = problem.device.axes
@@ -150,6 +149,23 @@ def _stretch(problem: Problem, split: int, levels: Levels | None = None) -> _Str
         sense=z,
         readings=replace(volts.scaled(unit), levels=levels.path, flips=levels.flips),
     )
+
+
+def _constants(problem: Problem) -> dict[str, float]:
+    """Constants of the base model by maximum likelihood, SI, with the sense offsets that its filter comes to; as they
+    are declared where no filter follows the record.
+    """
+    model = fit(Filtered(problem), {})
+    layout, record = model.layout, problem.record
+    assert isinstance(layout, ObserverLayout)
+    observer = observer_of(problem, {}, model.model.noise if model.evaluation.sound else None)
+    if model.evaluation.sound:
+        observer.x[observer.states + layout.index] = model.model.theta[: len(layout.index)]
+        begin_moving(observer, record)
+        observer.run(record.sense, record.drive, step=record.step, temperature=record.channels.get("temperature"))
+    names = observer.model.names[observer.states :]
+    values = observer.state[observer.states : len(observer.model.names)].tolist()
+    return {name: value for name, value in zip(names, values, strict=True) if name != "rate"}
 
 
 def _turned(

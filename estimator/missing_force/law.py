@@ -16,12 +16,12 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from estimator.identification.noise import effective_samples
 from estimator.missing_force import library as terms_of
 from estimator.missing_force.following import Followed, follow, signatures
 from estimator.missing_force.library import Extent, Term, library
 from estimator.missing_force.linear import Linear
 from estimator.missing_force.points import Points
-from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 
 _MOST = 4  # terms

@@ -19,8 +19,8 @@ from scipy.signal import butter, filtfilt
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.effects.declaration import Coefficient, Source
 from estimator.errors import ModelError
+from estimator.identification.noise import effective_samples
 from estimator.model.gyro import vx, x
-from estimator.residual.effective import effective_samples
 from estimator.scaling import Array, Scaling
 from estimator.trace.criterion import extended
 from estimator.trace.engine import Dissent, Estimate, Rules, Score, Trial, choose
