@@ -27,7 +27,7 @@ def squares(of: Linear, *names: str) -> tuple[float, Array]:
     """What least squares with these effects leaves, and its parameters."""
     used = np.column_stack([of.base, *(of.columns[name] for name in names)])
     theta, *_ = np.linalg.lstsq(used, of.y, rcond=None)
-    return float(np.sum((of.y - used @ theta) ** 2)), theta
+    return float(np.sum((of.y - used @ theta) ** 2)), np.array(theta, dtype=np.float64)
 
 
 def exchanges(of: Linear, model: FittedModel, *candidates: str) -> dict[str, dict[str, Exchange]]:
