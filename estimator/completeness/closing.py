@@ -22,7 +22,6 @@ from estimator.errors import ModelError
 from estimator.identification.fit import FittedModel, at, maximise
 from estimator.identification.likelihood import is_searched
 from estimator.identification.score_test import Score
-from estimator.identification.search import WORTH
 from estimator.identification.search import margin as margin_of
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.side_by_side import together
@@ -60,6 +59,8 @@ class Limits(NamedTuple):
 
 
 _STRICT = Limits()
+WORTH = 0.5
+"""Of the margin, that the score test has to tell of an effect which is fitted."""
 
 
 def closing_scan(
