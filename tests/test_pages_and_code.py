@@ -48,6 +48,10 @@ def test_a_key_of_the_calibration_says_what_is_assumed_without_it(name: str) -> 
 def test_pages_repeat_what_the_tracer_decides_by_as_it_is() -> None:
     """Search and checks, each with its threshold."""
     assert f"2 ln(kinds / {power(search.CHANCE)})" in EXPLANATION
+    assert (
+        f"The {('', 'one', 'two', 'three', 'four', 'five', 'six')[search.SHORTLIST]} kinds with the largest gains"
+        in EXPLANATION
+    )
     assert f"comes within {TIE:g}, odds" in " ".join(EXPLANATION.split())
     table = (DOCS / "reference" / "trace.md").read_text(encoding="utf-8")
     assert f"less than {checks.AT_FLOOR:g} × the noise floor" in table

@@ -37,19 +37,24 @@ def called(name: str, named: Iterable[str]) -> str:
     return name if sum(kind(other) == kind(name) for other in named) > 1 else kind(name)
 
 
-def found_of(name: str, evidence: Evidence, carried: Effects, reader: AngleReader) -> Found:
-    model, effect = evidence.model, evidence.of.effect(name)
-    assert isinstance(effect, Effect)
-    layout = model.layout
-    spread = covariance(model)
+def intervals_of(effect: Effect, model: FittedModel, name: str) -> dict[str, Interval]:
+    """Coefficients and searched parameters of an effect of a model, SI, with their 95 % intervals."""
+    layout, spread, intervals = model.layout, covariance(model), {}
     units = {c.name: c.unit for c in effect.coefficients} | {p.name: p.unit for p in effect.parameters}
-    places = layout.of(name)
-    intervals = {}
-    for k in places:
+    for k in layout.of(name):
         value = float(model.model.theta[k] * layout.factor[k])
         half = TWO_SIDED * float(np.sqrt(spread[k, k]) * abs(layout.factor[k]))
         name_of_it = layout.names[k]
         intervals[kind(name_of_it)] = Interval(value, value - half, value + half, units[name_of_it])
+    return intervals
+
+
+def found_of(name: str, evidence: Evidence, carried: Effects, reader: AngleReader) -> Found:
+    """An effect as it is told."""
+    model, effect = evidence.model, evidence.of.effect(name)
+    assert isinstance(effect, Effect)
+    layout, spread, places = model.layout, covariance(model), model.layout.of(name)
+    intervals = intervals_of(effect, model, name)
     for parameter in effect.parameters:
         if (coefficient := name_of(parameter, "found_as")) and parameter.name in carried[name]:
             # The same number as a coefficient, which is as sure.

@@ -1,13 +1,17 @@
 """Effects that a trace does not name: why not, and how large they can be at most."""
 
 from collections.abc import Mapping
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from estimator.diagnosis import Interval, Rejected
 from estimator.effects.declaration import Effect
 from estimator.identification.ambiguity import Member
+from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import Likelihood
+from estimator.identification.named import intervals_of
 from estimator.identification.score_test import Score
 from estimator.identification.search import Search, forbidden, margin
 from estimator.scaling import Scaling
@@ -19,12 +23,19 @@ ROUNDING = 1e-6
 """Of the information in a plausible size: a record that tells less tells nothing."""
 
 
+class Failed(NamedTuple):
+    """An effect that a check took out of a model again: its sentence, and the model that had it."""
+
+    sentence: str
+    model: FittedModel
+
+
 def rejected(
-    of: Likelihood, device: Device, found: Search, groups: Mapping[str, list[Member]], failed: Mapping[str, str]
+    of: Likelihood, device: Device, found: Search, groups: Mapping[str, list[Member]], failed: Mapping[str, Failed]
 ) -> tuple[Rejected, ...]:
     """Every kind that is not named, once: what it gains beside the model, and a 95 % bound on its coefficients.
 
-    groups: of each named effect, the other members; failed: of effects that a check took out again, its sentence.
+    groups: of each named effect, the other members; failed: effects that a check took out again.
     """
     last = found.rounds[-1]
     alone = {score.name: score.gain for score in found.rounds[0].table}
@@ -32,9 +43,7 @@ def rejected(
     members = {kind(member.name): kind(name) for name, group in groups.items() for member in group}
     named = {kind(name) for name in groups} - {kind(name) for name in failed}
     least = margin(len({kind(score.name) for score in last.table}))
-    answers: dict[str, Rejected] = {
-        kind(name): Rejected(kind(name), sentence) for name, sentence in failed.items()
-    }  # fmt: skip
+    answers = {kind(name): _taken_out(of, name, one) for name, one in failed.items()}
     for score in last.table:
         which = kind(score.name)
         if which in named or which in answers:
@@ -51,6 +60,15 @@ def rejected(
         bound = _bound(of, score, Scaling.of(device))
         answers[which] = Rejected(which, reason, bound, alone.get(score.name), fitted.get(score.name))
     return tuple(answers.values())
+
+
+def _taken_out(of: Likelihood, name: str, failed: Failed) -> Rejected:
+    """It may be nothing, or as large as it was fitted."""
+    effect = of.effect(name)
+    assert isinstance(effect, Effect)
+    found = intervals_of(effect, failed.model, name)
+    bound = {symbol: replace(one, low=min(one.low, 0.0), high=max(one.high, 0.0)) for symbol, one in found.items()}
+    return Rejected(kind(name), failed.sentence, bound)
 
 
 def _bound(of: Likelihood, score: Score, scaling: Scaling) -> dict[str, Interval]:

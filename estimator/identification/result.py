@@ -13,7 +13,7 @@ from estimator.identification.determined import undetermined
 from estimator.identification.named import effects_of, found_of
 from estimator.identification.pairs import pairs_of
 from estimator.identification.probabilities import probabilities
-from estimator.identification.rejected import rejected
+from estimator.identification.rejected import Failed, rejected
 from estimator.side_by_side import side_by_side
 from estimator.trace.angle import AngleReader
 from estimator.trace.examination import Examination
@@ -27,19 +27,26 @@ READ = 100_000
 
 @dataclass(frozen=True)
 class Judged:
-    """A model and what the checks say of it; after: what the bench's observer makes of the record with it; failed: by
-    effect that a check took out of the model again, its sentence.
+    """A model and what the checks say of it; after: what the bench's observer makes of the record with it; share: of
+    the residual's power above the noise floor on the part held out, what its effects account for, None where none are
+    named or none stood above it; failed: effects that a check took out of the model again.
     """
 
     evidence: Evidence
     checks: list[Check]
     after: Examination
-    failed: Mapping[str, str]
+    share: float | None
+    failed: Mapping[str, Failed]
 
     @property
     def named(self) -> list[str]:
         """Effects that the bench file does not declare."""
         return list(self.evidence.without)
+
+    @property
+    def verdict(self) -> Verdict:
+        """The word for it."""
+        return verdict_of(self.named, self.checks, self.share)
 
 
 def verdict_of(named: list[str], checks: list[Check], share: float | None = None) -> Verdict:
@@ -59,9 +66,7 @@ def diagnosis(
 ) -> Diagnosis:  # fmt: skip
     """What a trace answers: the words, and the figures behind them."""
     evidence, checks, after = judged.evidence, judged.checks, judged.after
-    named, model = judged.named, evidence.model
-    share = _share(before, after) if named else None
-    verdict = verdict_of(named, checks, share)
+    named, model, share, verdict = judged.named, evidence.model, judged.share, judged.verdict
     reader = AngleReader(problem.part(slice(0, min(split, READ))))
     carried = effects_of(model)
     effects = tuple(side_by_side([partial(found_of, name, evidence, carried, reader) for name in named]))
@@ -84,7 +89,7 @@ def diagnosis(
     ).of_what_is_named()  # fmt: skip
 
 
-def _share(before: Examination, after: Examination) -> float | None:
+def share_of(before: Examination, after: Examination) -> float | None:
     """Of the residual's power above the noise floor on the part held out, what goes; None where none stood above it."""
     floor = np.square(before.held_out.noise_floor)
     was, now = (float(np.mean(np.square(one.held_out.innovation_rms) / floor)) for one in (before, after))

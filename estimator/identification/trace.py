@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 
-from estimator.diagnosis import Diagnosis
+from estimator.diagnosis import Diagnosis, Verdict
 from estimator.errors import DivergedError
 from estimator.identification.checks import CHECKS, Evidence
 from estimator.identification.chosen import REFINED, SEARCHED, Chosen, choose
@@ -16,7 +16,8 @@ from estimator.identification.free_run import FreeRun
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.named import constants_of, effects_of
 from estimator.identification.reference import departures
-from estimator.identification.result import Judged, diagnosis
+from estimator.identification.rejected import Failed
+from estimator.identification.result import Judged, diagnosis, share_of
 from estimator.identification.search import without_effect
 from estimator.side_by_side import side_by_side
 from estimator.trace.examination import Examination, examine
@@ -52,14 +53,14 @@ def judge(problem: Problem, whole: Likelihood, chosen: Chosen, before: Examinati
     Where they do not, the model as it was chosen is the best candidate.
     """
     first = now = _judged(problem, whole, chosen, chosen.after, before, split)
-    failed: dict[str, str] = {}
-    while len(now.named) > 1 and (rejected := {c.effect: c.sentence for c in now.checks if c.effect and not c.passed}):
+    failed: dict[str, Failed] = {}
+    while rejected := {check.effect: check.sentence for check in now.checks if check.effect and not check.passed}:
         without, model = now.evidence.without, now.evidence.model
         name = min(rejected, key=lambda effect: model.gain_over(without[effect]))
-        failed[name] = rejected[name]
-        less = finished(chosen.of, settle(chosen.of, without[name]))
+        failed[name] = Failed(rejected[name], model)
+        less = chosen.before if len(without) == 1 else finished(chosen.of, settle(chosen.of, without[name]))
         now = replace(_judged(problem, whole, chosen, less, before, split), failed=dict(failed))
-    return first if any(check.effect and not check.passed for check in now.checks) else now
+    return first if now.verdict is Verdict.UNEXPLAINED else now
 
 
 def _judged(
@@ -74,7 +75,8 @@ def _judged(
     evidence = evidence_of(chosen.of, later, model, after)
     if problem.device.axes == 2 and after is not before:
         evidence = replace(evidence, references=tuple(departures(problem, before, after, split)))
-    return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, {})
+    share = share_of(before, after) if evidence.without else None
+    return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, share, {})
 
 
 def likelihood_of(problem: Problem, split: int) -> Likelihood:
