@@ -269,6 +269,7 @@ class Contribution(_Model):
         description="The same as declared, which the estimates have; null for what only the closing scan tells",
     )
     assumed: bool = Field(default=False, description="The bench file declares nothing: a usual value was taken")
+    found: bool = Field(default=False, description="The scan found it to be off: it contributes what that does")
 
 
 class Lacking(_Model):

@@ -180,6 +180,7 @@ def _rows(
                 contribution_rad=found.get(source, left.get(source, contribution)),
                 declared_rad=contribution,
                 assumed=assumed,
+                found=source in found,
             )
         )
     return rows

@@ -26,10 +26,12 @@ class Remedy(NamedTuple):
 
 
 def remedy(row: Contribution, bench: Bench) -> Remedy:
-    """The setting, or the act, that lowers a row."""
+    """The setting, or the act, that lowers a row.  A constant that is off turns the pattern before it is turned back:
+    only what is merely uncertain at the end cancels in a reversal.
+    """
     controller = bench.controller
     one_way = controller.virtual_rotation_rad_s != 0.0 and controller.virtual_reversal_s == 0.0
-    if row.source in ("drive gain", "sense gain ratio", "clock") and one_way:
+    if row.source in ("drive gain", "sense gain ratio", "clock") and one_way and not row.found:
         period = _there_and_back(bench)
         return Remedy(
             f"set [controller] virtual_reversal_s = {period:g}, so that a gain error cancels, and run again",

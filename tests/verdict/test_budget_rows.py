@@ -225,6 +225,8 @@ def test_a_gain_error_cancels_in_a_virtual_rotation_that_is_reversed(source: str
     # Half a turn takes 1.57 s; of the 8 s that are scored that is three times there and back at least.
     assert f"[controller] virtual_reversal_s = {8.0 / 6.0:.3g}," in remedy(row(source), turning).text
     reversed_already = bench({}, controller={"virtual_rotation_rad_s": 2.0, "virtual_reversal_s": 1.0})
+    off = row(source).model_copy(update={"found": True})
+    assert f"[device.calibration] {source.replace(' ', '_')}_u" in remedy(off, turning).text
     still = bench({}, controller={"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0})
     for declared in (reversed_already, still):  # nothing is left to cancel, and a slower rotation tells less
         assert f"[device.calibration] {source.replace(' ', '_')}_u" in remedy(row(source), declared).text

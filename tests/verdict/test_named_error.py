@@ -55,3 +55,4 @@ def test_a_constant_that_was_found_counts_once() -> None:
         expected = np.hypot(found, 0.1 * found / 1.959964)
         assert rows["drive gain"].contribution_rad == pytest.approx(expected)
         assert rows["drive gain"].declared_rad == before["drive gain"].contribution_rad
+        assert [name for name, row in rows.items() if row.found] == ["drive gain"]
