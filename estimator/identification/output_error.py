@@ -289,7 +289,9 @@ class OutputError:
             return self.evaluate(layout, with_force(value), derivatives=False).log_likelihood
 
         least, most = self._decades()
-        return with_force(level(of, 0.5 * (least + most), (least, most), CLOSE))
+        # Two tops: none at all, and one that follows what is left.
+        start = max(np.arange(least, most, 1.0).tolist(), key=of)
+        return with_force(level(of, start, (least, most), CLOSE))
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
         """The model without a walk, and with the one that the record asks for: none, where what is left is no more
