@@ -3,11 +3,13 @@
 from dataclasses import dataclass, replace
 from functools import partial
 
+import numpy as np
+
 from estimator.identification.exchange import Exchange, exchange_test
 from estimator.identification.fit import RISE, FittedModel, advanced, at, settle
 from estimator.identification.likelihood import Likelihood
-from estimator.identification.score_test import Score
-from estimator.identification.search import SHORTLIST, impossible, joined, reduced
+from estimator.identification.score_test import Score, score_test
+from estimator.identification.search import SHORTLIST, carried_over, impossible, joined, reduced, without_effect
 from estimator.side_by_side import side_by_side
 from estimator.trace.candidates import kind
 
@@ -49,12 +51,16 @@ def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
     if not names:
         return {}
     known = replace(best.model, effects=best.layout.effects_of(best.model))
-    tests = exchange_test(of, best, of.candidates(known, best.evaluation), names)
+    by_parabola = [name for name in names if best.begins_at_zero(name)]
+    tests = exchange_test(of, best, of.candidates(known, best.evaluation), by_parabola) if by_parabola else {}
     kinds = {name: {kind(one) for one in best.model.effects if one != name} | {kind(name)} for name in names}
+    found = {
+        name: (tests[name], best.loss(name)) if name in tests else _beside_the_rest(of, best, name) for name in names
+    }
     pairs = [
         (name, exchange)
-        for name in names
-        for exchange in _first_of_each_kind(tests[name], kinds[name], max(SHARE * best.loss(name), TIE))
+        for name, (exchanges, loss) in found.items()
+        for exchange in _first_of_each_kind(exchanges, kinds[name], max(SHARE * loss, TIE))
     ]
     fitted = side_by_side([partial(_exchanged, of, best, name, exchange) for name, exchange in pairs])
     groups: dict[str, list[Member]] = {name: [] for name in names}
@@ -62,6 +68,25 @@ def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
         if one.evaluation.sound and not impossible(of, exchange.name, one):
             groups[name].append(Member(exchange.name, exchange.likeness, one, best.criterion - one.criterion))
     return {name: sorted(group, key=lambda member: member.deficit) for name, group in groups.items()}
+
+
+def _beside_the_rest(of: Likelihood, best: FittedModel, name: str) -> tuple[list[Exchange], float]:
+    """Each candidate in place of an effect that does not begin at zero, by the scores of the model without it; and what
+    the effect gains there.
+    """
+    rest = settle(of, without_effect(of, best, name))
+    known = replace(rest.model, effects=rest.layout.effects_of(rest.model))
+    given = best.layout.effects_of(best.model)[name]
+    scores = score_test(of, rest, {**of.candidates(known, rest.evaluation), name: given})
+    own = next(one.gain for one in scores if one.name == name)
+    theta = carried_over(rest, best.layout)
+    return [
+        Exchange(
+            one.name, one.given, own - one.gain, float(np.sqrt(np.clip(one.gain / own, 0.0, 1.0))), one.size, theta
+        )
+        for one in scores
+        if one.name != name
+    ], own
 
 
 def _first_of_each_kind(exchanges: list[Exchange], taken: set[str], most: float) -> list[Exchange]:

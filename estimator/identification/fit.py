@@ -72,6 +72,12 @@ class FittedModel:
         """`gain_over` the model with one effect less, by the parabola that the likelihood is at its top."""
         return self.loss(name) / self.scatter - len(self.layout.of(name)) * float(np.log(self.evaluation.count.sum()))
 
+    def begins_at_zero(self, name: str) -> bool:
+        """Whether an effect is none where its coefficients are zero: else the parabola says nothing of a model without
+        it.
+        """
+        return bool(np.any(self.layout.mean[self.layout.of(name)] == 0.0))
+
     def loss(self, name: str) -> float:
         """Of twice the log-likelihood without an effect, by the parabola."""
         return self.twice_log_likelihood_of(self._loss(name)[0])

@@ -159,7 +159,7 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     layout, model = joined(of, fitted, score)
     found = maximise(of, at(of, layout, model), ROUGH)
     if not found.evaluation.sound or found.objective < fitted.objective:
-        found = maximise(of, at(of, layout, replace(model, theta=_carried_over(fitted, layout))))
+        found = maximise(of, at(of, layout, replace(model, theta=carried_over(fitted, layout))))
     return settle(of, at(of, layout, of.quieten(layout, found.model)))
 
 
@@ -167,11 +167,11 @@ def joined(of: Likelihood, fitted: FittedModel, score: Score) -> tuple[Layout, M
     """The parameters and the model with one more effect of the size that the score test tells."""
     effects = {**fitted.layout.effects_of(fitted.model), score.name: score.given}
     layout = of.layout(effects)
-    theta = of.begun(layout, _carried_over(fitted, layout), score.name, score.size)
+    theta = of.begun(layout, carried_over(fitted, layout), score.name, score.size)
     return layout, Model(effects, theta, fitted.model.noise)
 
 
-def _carried_over(fitted: FittedModel, layout: Layout) -> Array:
+def carried_over(fitted: FittedModel, layout: Layout) -> Array:
     """The parameters (k,) of a layout as a fitted model has them, those that it lacks as they are declared."""
     known = {(o, n): v for o, n, v in zip(fitted.layout.owner, fitted.layout.names, fitted.model.theta, strict=True)}
     keys = zip(layout.owner, layout.names, layout.mean, strict=True)
@@ -188,14 +188,21 @@ def reduced(of: Likelihood, fitted: FittedModel, name: str, theta: Array) -> tup
     moved = replace(fitted, model=replace(fitted.model, theta=theta))
     effects = {other: given for other, given in fitted.layout.effects_of(moved.model).items() if other != name}
     layout = of.layout(effects)
-    return layout, Model(effects, _carried_over(moved, layout), fitted.model.noise)
+    return layout, Model(effects, carried_over(moved, layout), fitted.model.noise)
 
 
 def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
     """Without effects that do not pay for themselves beside the others."""
-    while gains := {name: fitted.gain_of(name) for name in fitted.model.effects if name not in of.effects}:
+    while gains := {name: _gain_of(of, fitted, name) for name in fitted.model.effects if name not in of.effects}:
         least = min(gains, key=lambda name: gains[name])
         if gains[least] > margin:
             break
         fitted = settle(of, without_effect(of, fitted, least))
     return fitted
+
+
+def _gain_of(of: Likelihood, fitted: FittedModel, name: str) -> float:
+    """What a model gains by an effect, less what its parameters cost."""
+    if fitted.begins_at_zero(name):
+        return fitted.gain_of(name)
+    return fitted.gain_over(settle(of, without_effect(of, fitted, name)))
