@@ -198,7 +198,7 @@ def rows(say: Say) -> list[Row]:
 def lowered(name: str, found: Sequence[Mapping[str, Any]], then: Sequence[Mapping[str, Any] | None]) -> list[Row]:
     """How often a setting was proposed for the largest row of U, and what became of that row with it."""
     ratios = [
-        after["budget"].get(before["row"]["source"], 0.0) / before["row"]["contribution_rad"]
+        after["budget"].get(before["row"]["source"], math.inf) / before["row"]["contribution_rad"]
         for before, after in zip(found, then, strict=True)
         if after is not None
     ]
