@@ -8,7 +8,7 @@ import numpy as np
 from estimator.identification.exchange import Exchange, exchange_test
 from estimator.identification.fit import RISE, FittedModel, advanced, at, settle
 from estimator.identification.likelihood import Likelihood
-from estimator.identification.score_test import Score, score_test
+from estimator.identification.score_test import score_test
 from estimator.identification.search import SHORTLIST, carried_over, impossible, joined, reduced, without_effect
 from estimator.side_by_side import side_by_side
 from estimator.trace.candidates import kind
@@ -101,5 +101,5 @@ def _exchanged(of: Likelihood, best: FittedModel, name: str, exchange: Exchange)
     """The model with a candidate in place of an effect, fitted from where the parabola has its top."""
     layout, model = reduced(of, best, name, exchange.theta)
     less = replace(best, layout=layout, model=model)
-    score = Score(exchange.name, -exchange.loss, exchange.size, exchange.size, 1.0, exchange.given)
-    return advanced(of, advanced(of, at(of, *joined(of, less, score))))
+    joint = joined(of, less, exchange.name, exchange.given, exchange.size)
+    return advanced(of, advanced(of, at(of, *joint)))

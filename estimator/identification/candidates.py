@@ -25,7 +25,8 @@ SPEEDS = (0.01, 0.1)
 def candidates(problem: Problem, included: Effects, seen: Evaluation, *, freely: bool = False) -> Effects:
     """Effects that are not in the model, each with its parameters, SI; with a label where it has several starts.
 
-    A line or a mode may be there more than once; freely: with what only a free run can show.
+    A line or a mode may be there more than once; what is searched for as an included effect is, begins where that one
+    is too: it may be in its place. freely: with what only a free run can show.
     """
     starts = _starts(problem, seen)
     kinds = {kind(name) for name in included}
@@ -34,11 +35,23 @@ def candidates(problem: Problem, included: Effects, seen: Evaluation, *, freely:
         several = effect.search in (Search.LINES, Search.MODES)
         if effect.name in kinds and not several:
             continue
-        for label, given in _given(problem, effect, starts):
+        for label, given in (*_given(problem, effect, starts), *_in_place_of(effect, included)):
             name = f"{effect.name}:{label}" if label else effect.name
             if name not in included:
                 found[name] = given
     return found
+
+
+def _in_place_of(effect: Effect, included: Effects) -> Iterator[tuple[str, dict[str, float]]]:
+    """The effect at the parameters of those in the model that are searched for alike."""
+    names = [parameter.name for parameter in effect.parameters]
+    for name, given in included.items():
+        other = next((one for one in EFFECTS if one.name == kind(name)), None)
+        if other is None or other is effect or effect.search is None or other.search is not effect.search:
+            continue
+        values = [given[parameter.name] for parameter in other.parameters if parameter.name in given]
+        if len(values) == len(names):
+            yield f"for {name}", dict(zip(names, values, strict=True))
 
 
 def _possible(problem: Problem, freely: bool) -> Iterator[Effect]:

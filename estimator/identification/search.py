@@ -1,6 +1,6 @@
 """Which effects belong in the model: forward by the score test, fitted candidates, and backward again."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
@@ -156,18 +156,20 @@ def forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
 
 def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:
     """The model with one more effect, from the size that the score test tells."""
-    layout, model = joined(of, fitted, score)
+    layout, model = joined(of, fitted, score.name, score.given, score.size)
     found = maximise(of, at(of, layout, model), ROUGH)
     if not found.evaluation.sound or found.objective < fitted.objective:
         found = maximise(of, at(of, layout, replace(model, theta=carried_over(fitted, layout))))
     return settle(of, at(of, layout, of.quieten(layout, found.model)))
 
 
-def joined(of: Likelihood, fitted: FittedModel, score: Score) -> tuple[Layout, Model]:
-    """The parameters and the model with one more effect of the size that the score test tells."""
-    effects = {**fitted.layout.effects_of(fitted.model), score.name: score.given}
+def joined(
+    of: Likelihood, fitted: FittedModel, name: str, given: Mapping[str, float], size: Array
+) -> tuple[Layout, Model]:
+    """The parameters and the model with one more effect of that size (c,)."""
+    effects = {**fitted.layout.effects_of(fitted.model), name: given}
     layout = of.layout(effects)
-    theta = of.begun(layout, carried_over(fitted, layout), score.name, score.size)
+    theta = of.begun(layout, carried_over(fitted, layout), name, size)
     return layout, Model(effects, theta, fitted.model.noise)
 
 
