@@ -36,12 +36,14 @@ def simulate(
     *,
     step: Array | None = None,
     sensitive: bool = False,
+    ago: float = 0.0,
 ) -> Simulation:
     """Run the observer's model freely over n samples; the observer itself is neither used nor changed.
 
     state (states + constants,) SI in the order of `observer.names`: the state at the first sample, then the constants
     and the effects' coefficients; drive (n, axes) or (n, axes, degree + 1) and step (n,) [s] as for `Observer.run`: row
-    m acted over the interval that ends at sample m, so that row 0 moves nothing.
+    m acted over the interval that ends at sample m, so that row 0 moves nothing; ago [s]: when, before the first
+    sample, the time of lines began.
 
     Raises ModelError for arrays that do not fit, for a step too long for the flow, for effects with a delay or a memory
     of their own, and for a run that leaves all bounds.
@@ -64,7 +66,9 @@ def simulate(
     parts = max(1, math.ceil(longest * stiff / _LONGEST)) if observer.effects else 1
     order = taylor_order(longest / parts, norm=1.5 * stiff) + u.shape[2] - 1
     x = np.asarray(state, dtype=float) / observer.factors
-    sensed, sensitivity = free_run(observer, x, u, h, order=order, parts=parts, sensitive=sensitive)
+    sensed, sensitivity = free_run(
+        observer, x, u, h, order=order, parts=parts, sensitive=sensitive, time=ago * observer.scaling.omega0
+    )
     if not np.all(np.isfinite(sensed)):
         row = int(np.argmin(np.all(np.isfinite(sensed), axis=1)))
         raise ModelError(f"the free run leaves all bounds at sample {row}; start nearer, or bound the coefficients")

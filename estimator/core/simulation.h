@@ -23,6 +23,7 @@ typedef struct {
     real *sensed;      /* (n, axes) */
     real *sensitivity; /* (n, axes, total), the derivative by x */
     real *full;        /* (2, total), scratch */
+    real time;         /* of the first sample */
 } FreeRun;
 
 /* Measurement (axes,) at state s, drive and signals in push, and its derivatives full (2, total). */
@@ -76,7 +77,7 @@ static inline void free_run(const Settings *settings, const FreeRun *run, FlowWo
     whole states = settings->states, axes = settings->axes, total = run->total, columns = work->columns;
     const real *c = run->x + states;
     Push *push = &work->push;
-    real s[4], predicted[MAX_AXES], time = R(0.0);
+    real s[4], predicted[MAX_AXES], time = run->time;
     for (whole i = 0; i < settings->signal_count; i++)
         push->signals[i] = settings->signal_parameters[i][0]; /* what is no constant is written over as it moves */
     for (whole i = 0; i < states; i++) {

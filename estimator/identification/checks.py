@@ -44,8 +44,9 @@ class Evidence:
     model: fitted; without: the same with each of its effects left out, fitted anew; held_out, held_out_without: passes
     of these over the part held out; floor_ratio: innovation over the noise floor there, as the bench's own observer has
     it with this model; quiet, disturbed: passes over the fitted part with the random force that is declared, and with
-    the one that the record asks for; references: errors against a rate reference, where there is one; chance: by how
-    much more than the noise floor noise alone leaves, rarely.
+    the one that the record asks for; before, before_ratio: over the part held out, of the model that has none of them;
+    references: errors against a rate reference, where there is one; chance: by how much more than the noise floor noise
+    alone leaves, rarely.
     """
 
     of: Likelihood
@@ -56,6 +57,8 @@ class Evidence:
     floor_ratio: float
     quiet: Evaluation
     disturbed: Evaluation
+    before: Evaluation
+    before_ratio: float
     references: tuple[Departure, ...] = ()
     chance: float = 1.0
 
@@ -117,7 +120,10 @@ def prior(seen: Evidence) -> list[Check]:
 
 
 def constancy(seen: Evidence) -> list[Check]:
-    """An effect's coefficients are the same in all parts of the record: their scores scatter by no more than noise."""
+    """An effect's coefficients are the same in all parts of the record: their scores scatter by no more than noise; of
+    a run that nothing corrects, whose error remembers, by no more than those of all parameters do.
+    """
+    usual = 1.0 if seen.of.following is seen.of else seen.model.scatter
     evaluation, layout = seen.model.evaluation, seen.model.layout
     checks = []
     information, score = seen.model.posterior_information, evaluation.score / evaluation.scale
@@ -127,9 +133,11 @@ def constancy(seen: Evidence) -> list[Check]:
         taken = np.linalg.solve(information[np.ix_(others, others)], information[np.ix_(others, rows)])
         left = score[:, rows] - score[:, others] @ taken
         own = information[np.ix_(rows, rows)] - information[np.ix_(rows, others)] @ taken
-        # Of each part, the score's power over its information: information is about even over the parts.
-        ratio = float(np.einsum("bi,ij,bj->", left, np.linalg.pinv(own), left)) / len(rows)
-        freedom = len(rows) * (len(left) - 1)
+        inverse = np.linalg.pinv(own)
+        # Of each part, the score's power over its information; a ring-down has most of that in its first parts.
+        ratio = float(np.einsum("bi,ij,bj->", left, inverse, left)) / len(rows) / usual
+        parts = np.einsum("bij,ji->b", evaluation.information[:, rows][:, :, rows], inverse)
+        freedom = len(rows) * max(float(parts.sum() ** 2 / np.sum(parts**2)) - 1.0, 1.0)
         limit = float(chi2.isf(RARE, freedom)) / freedom
         checks.append(
             Check("constancy", ratio < 2.0 * limit, f"the scores of {name} scatter by {ratio:.3g} × noise", name)

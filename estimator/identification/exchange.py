@@ -57,7 +57,7 @@ def _exchange(
     own, rest = fitted.parted(name)
     information, score = seen.information.sum(axis=0), seen.score.sum(axis=0)
     both = [*own, *columns]
-    prior = np.diag(fitted.layout.deviation[rest] ** -2.0)
+    prior = np.diag(fitted.prior_deviation[rest] ** -2.0)
     taken = np.linalg.solve(information[np.ix_(rest, rest)] + prior, information[np.ix_(rest, both)])
     left = information[np.ix_(both, both)] - information[np.ix_(both, rest)] @ taken
     removed, n = fitted.removed(name), len(own)

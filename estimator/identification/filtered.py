@@ -17,6 +17,7 @@ from estimator.identification.likelihood import (
     Noise,
     ObserverLayout,
     evaluate,
+    reach_of,
 )
 from estimator.identification.noise import level
 from estimator.scaling import Array
@@ -92,8 +93,8 @@ class Filtered:
         return effect_for(name, self.axes, self.problem.device.own)[1]
 
     def plausible(self, name: str) -> Array:
-        """As the effect's declaration has it."""
-        return np.array([coefficient.plausible for coefficient in self.effect(name).coefficients])
+        """As the effect's declaration has it, of what is driven as hard as this record."""
+        return reach_of(self.problem) * np.array([one.plausible for one in self.effect(name).coefficients])
 
     def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
         """At the size that the score test tells, as far as the effect may be of it."""
@@ -174,7 +175,8 @@ class Filtered:
         def likelihood(value: float) -> float:
             return sum(part._log_likelihood(layout, with_force(value)) for part in parts or [self])
 
-        return with_force(level(likelihood, np.log10(model.noise.force), (least, least + FORCE_DECADES), close))
+        most = least + FORCE_DECADES + float(np.log10(reach_of(self.problem)))
+        return with_force(level(likelihood, np.log10(model.noise.force), (least, most), close))
 
     def _log_likelihood(self, layout: Layout, model: Model) -> float:
         return self.evaluate(layout, model, derivatives=False).log_likelihood

@@ -42,8 +42,13 @@ class FittedModel:
         keep a fit in hand, and say nothing of which effect it is.
         """
         declared = np.array([owner == "" for owner in self.layout.owner])
-        off = ((self.model.theta - self.layout.mean) / self.layout.deviation)[declared]
+        off = ((self.model.theta - self.layout.mean) / self.prior_deviation)[declared]
         return 2.0 * self.evaluation.log_likelihood - float(off @ off)
+
+    @property
+    def prior_deviation(self) -> Array:
+        """(k,) of the parameters, beside this record."""
+        return self.layout.spread(self.evaluation.share)
 
     @property
     def criterion(self) -> float:
@@ -83,8 +88,12 @@ class FittedModel:
         return self.twice_log_likelihood_of(self._loss(name)[0])
 
     def twice_log_likelihood_of(self, squares: float) -> float:
-        """What is lost where the innovations' sum of squares is larger by that, over the noise that is left."""
+        """What is lost where the innovations' sum of squares is larger by that, over the noise that is left; −∞ where a
+        parabola would leave less than nothing.
+        """
         samples = float(self.evaluation.count.sum())
+        if squares <= -samples:
+            return -np.inf
         return samples * float(np.log1p(squares / samples))
 
     def others_without(self, name: str) -> Array:
@@ -107,7 +116,7 @@ class FittedModel:
         """Of the sum of squares, over the noise that is left, without an effect; and the parameters then."""
         (own, rest), removed, information = self.parted(name), self.removed(name), self.posterior_information
         taken = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, own)])
-        left = information[np.ix_(own, own)] - np.diag(self.layout.deviation[own] ** -2.0)
+        left = information[np.ix_(own, own)] - np.diag(self.prior_deviation[own] ** -2.0)
         left = left - information[np.ix_(own, rest)] @ taken
         theta = self.model.theta.copy()
         theta[rest] -= taken @ removed
@@ -116,13 +125,13 @@ class FittedModel:
     @property
     def posterior_information(self) -> Array:
         """(k, k) of the parameters, prior included, at the noise that is left."""
-        prior = np.diag(self.layout.deviation**-2.0)
+        prior = np.diag(self.prior_deviation**-2.0)
         return np.asarray(self.evaluation.information.sum(axis=0) / self.evaluation.scale + prior)
 
     @property
     def score(self) -> Array:
         """(k,) slope of the penalised log-likelihood."""
-        pull = (self.model.theta - self.layout.mean) / self.layout.deviation**2
+        pull = (self.model.theta - self.layout.mean) / self.prior_deviation**2
         return np.asarray(self.evaluation.score.sum(axis=0) / self.evaluation.scale - pull)
 
 
@@ -133,7 +142,7 @@ def at(of: Likelihood, layout: Layout, model: Model) -> FittedModel:
 
 
 def _penalised(layout: Layout, model: Model, evaluation: Evaluation) -> float:
-    pull = (model.theta - layout.mean) / layout.deviation
+    pull = (model.theta - layout.mean) / layout.spread(evaluation.share)
     return evaluation.log_likelihood - 0.5 * float(pull @ pull)
 
 
@@ -147,18 +156,14 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: flo
             return now
         information, score = now.posterior_information, now.score
         damped = information + damping * np.diag(np.diag(information))
-        theta, layout = now.model.theta, now.layout
-        # A parameter at a bound that the score would have it cross stays there.
-        free = ~((theta <= layout.least) & (score < 0.0) | (theta >= layout.most) & (score > 0.0))
-        step = np.zeros(len(theta))
         try:
-            step[free] = np.linalg.solve(damped[np.ix_(free, free)], score[free])
+            theta = _stepped(now, damped, score)
         except np.linalg.LinAlgError:
             return now
+        step = theta - now.model.theta
         expected = float(score @ step - 0.5 * step @ information @ step)
         if expected < rise:
             return replace(now, converged=damping == 0.0, damping=damping)
-        theta = np.clip(theta + step, layout.least, layout.most)
         moved = at(of, now.layout, replace(now.model, theta=theta))
         risen = moved.objective - now.objective
         if risen > 0.0:
@@ -170,6 +175,22 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: flo
         if damping > 1e4:
             break
     return replace(now, damping=damping)
+
+
+def _stepped(now: FittedModel, information: Array, score: Array) -> Array:
+    """Parameters (k,) one step on; where a bound stops some of them, the step that is best for the others."""
+    theta, bounded = now.model.theta, now.layout.bounded
+    free, step = np.ones(len(theta), dtype=bool), np.zeros(len(theta))
+    while free.any():
+        held = np.where(free, 0.0, step)
+        step = held.copy()
+        step[free] = np.linalg.solve(information[np.ix_(free, free)], (score - information @ held)[free])
+        stopped = free & (bounded(theta + step) != theta + step)
+        step = np.where(free & ~stopped, step, bounded(theta + step) - theta)
+        if not stopped.any():
+            break
+        free &= ~stopped
+    return np.asarray(bounded(theta + step))
 
 
 def advanced(of: Likelihood, start: FittedModel) -> FittedModel:

@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from estimator.core.following import Portion, Signatures, scan_block
 from estimator.core.layout import OUTPUT
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 from estimator.identification.candidates import candidates
-from estimator.identification.checks import AT_FLOOR
+from estimator.identification.checks import AT_FLOOR, RARE
 from estimator.identification.filtered import ROUGH, Filtered
 from estimator.identification.likelihood import (
+    Beginning,
     Evaluation,
     Layout,
     Model,
@@ -36,7 +38,6 @@ from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import REMEMBERED, simulate
 from estimator.trace.examination import Examination, examine
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.start import first_motion
 
 TELLING = 50
 """Samples that tell where a part begins that was not fitted; they do not count."""
@@ -62,9 +63,10 @@ class StartLayout(ObserverLayout):
         rows = observer.estimated_index
         mean, deviation = observer.x[rows].copy(), observer.initial_deviations
         given = set(problem.settings.initial)
-        motion = seen_motion(problem.record, observer)
+        motion, sure = seen_motion(problem.record, observer)
         for k, name in enumerate(observer.names[: observer.states]):
-            mean[k] = mean[k] if name in given else motion[k]
+            if name not in given:
+                mean[k], deviation[k] = motion[k], min(deviation[k], sure[k])
         kept = deviation > 0.0
         self.kept = np.flatnonzero(kept)
         self.start = len(self.names) + np.arange(int(kept.sum()))
@@ -77,21 +79,33 @@ class StartLayout(ObserverLayout):
         self.most = np.concatenate([self.most, np.full(len(self.start), np.inf)])
         self.fixed = mean
 
+    def spread(self, share: float) -> Array:
+        """As `Layout.spread`; the start in full: the record's first samples measured it, whatever comes after them."""
+        spread = np.array(super().spread(share))
+        spread[self.start] = self.deviation[self.start]
+        return spread
 
-def seen_motion(record: Record, observer: Observer) -> Array:
+
+def seen_motion(record: Record, observer: Observer) -> tuple[Array, Array]:
     """Scaled displacements and velocities (states,) one interval before the first sample, as the first samples show
-    them: by the resonance, where they hold a cycle of it, else by a parabola.
+    them: by the resonance, where they hold a cycle of it, else by a parabola; and how sure that is, the samples being
+    off all the same way.
     """
-    device = observer.device
-    motion = np.full((2, device.axes), np.nan)
-    if 2.0 * np.pi / observer.h <= TELLING:
-        motion = first_motion(record, observer.scaling.omega0)
-    first = record.sense[:TELLING]
-    told = np.all(np.isfinite(first), axis=1)
-    if not np.all(np.isfinite(motion)) and told.sum() > 2:
-        motion = np.polynomial.polynomial.polyfit(np.cumsum(record.step[:TELLING])[told], first[told], 2)[:2]
-    motion = np.nan_to_num(motion) / np.asarray(device.sense_gain)
-    return np.asarray(motion.T.ravel() / observer.factors[: observer.states])
+    device, rows = observer.device, slice(0, TELLING)
+    time, sense = np.cumsum(record.step[rows]), record.sense[rows]
+    rings = 2.0 * np.pi / observer.h <= TELLING
+    wave = observer.scaling.omega0 * time
+    columns = [np.cos(wave), np.sin(wave) / observer.scaling.omega0, np.ones(len(time))]
+    design = np.column_stack(columns if rings else [np.ones(len(time)), time, time**2])
+    told = np.all(np.isfinite(sense), axis=1)
+    if told.sum() <= design.shape[1]:
+        return np.zeros(observer.states), np.full(observer.states, np.inf)
+    found = np.linalg.lstsq(design[told], sense[told], rcond=None)[0]
+    left = np.sqrt(np.mean((sense[told] - design[told] @ found) ** 2, axis=0))
+    spread = np.sqrt(told.sum() * np.diagonal(np.linalg.inv(design[told].T @ design[told]))[:2])
+    off = spread[:, None] * np.maximum(left, device.noise)
+    factors = np.tile(np.asarray(device.sense_gain), (2, 1)).T.ravel() * observer.factors[: observer.states]
+    return found[:2].T.ravel() / factors, off.T.ravel() / np.abs(factors)
 
 
 @dataclass(frozen=True)
@@ -118,7 +132,8 @@ class FreeRun(Filtered):
 
     def part(self, rows: slice) -> "FreeRun":
         """The same of these samples only; behind the beginning, a part that is not fitted."""
-        return replace(self, problem=self.problem.part(rows), fitted=self.fitted and not rows.start)
+        part = super().part(rows)
+        return replace(self, problem=part.problem, beginning=part.beginning, fitted=self.fitted and not rows.start)
 
     @property
     def following(self) -> "FreeRun":
@@ -229,8 +244,17 @@ class FreeRun(Filtered):
         sums = sums.times(share)  # of a coloured error, n samples say as much as fewer that are independent
         return Evaluation(
             names, sums.score, sums.information, sums.power, sums.logs, sums.count,
-            innovation * volts, np.exp(rows[:, -1]).reshape(-1, axes) * np.abs(volts),
+            innovation * volts, np.exp(rows[:, -1]).reshape(-1, axes) * np.abs(volts), share,
         )  # fmt: skip
+
+
+def chance_of(held_out: Evaluation) -> float:
+    """By how much more than the noise floor noise alone leaves of a part held out, rarely, rms: a run's error
+    remembers, so that few samples of it are independent.
+    """
+    left = held_out.innovation[np.all(np.isfinite(held_out.innovation), axis=1)]
+    worth = sum(effective_samples(column) for column in left.T) if len(left) else 1.0
+    return float(np.sqrt(chi2.isf(RARE, worth) / worth))
 
 
 def remembers(effect: Effect) -> bool:
@@ -274,15 +298,15 @@ class _Run:
         return list(self.record.stretches) or [slice(0, len(self.record))]
 
     def _over(self, stretch: slice, *, first: bool) -> Array:
-        record = self.record.part(stretch)
+        record, before = self.record.part(stretch), self.of.part(slice(stretch.start, None)).beginning
         start = self.observer.x[self.observer.estimated_index].copy()
         if first and self.of.fitted:
-            return self._run(record, start, self.known, self.moved, self.tested)
+            return self._run(record, before, start, self.known, self.moved, self.tested)
         states = self.observer.states
         telling = record if self.of.fitted else record.part(slice(0, TELLING))
-        start[:states] = seen_motion(telling, self.observer)
-        start = self._told(telling, start)
-        rows = self._run(record, start, self.known, self.moved, self.tested)
+        start[:states], _ = seen_motion(telling, self.observer)
+        start = self._told(telling, before, start)
+        rows = self._run(record, before, start, self.known, self.moved, self.tested)
         c = len(self.known)
         if self.moved and len(rows):
             own = c + np.flatnonzero(self.layout.kept < states)
@@ -295,12 +319,12 @@ class _Run:
             rows[: TELLING * self.of.axes, -1] = np.nan
         return rows
 
-    def _told(self, record: Record, start: Array) -> Array:
+    def _told(self, record: Record, before: Beginning, start: Array) -> Array:
         """The start whose run lies closest to a record."""
         states = self.observer.states
         nearest, least = start, np.inf
         for _ in range(ROUNDS):
-            rows = self._run(record, start, self.known[:0], -1, {})
+            rows = self._run(record, before, start, self.known[:0], -1, {})
             told = rows[~np.isnan(rows[:, -1])]
             power = float(np.sum(told[:, -2] ** 2))
             if not np.isfinite(power) or len(told) < states:
@@ -314,17 +338,26 @@ class _Run:
             start[:states] -= change
         return nearest
 
-    def _run(self, record: Record, start: Array, known: NDArray[np.int64], moved: int, tested: Effects) -> Array:
-        """Rows of one stretch from `start`; moved: how many columns of the layout's start, −1 for those of the motion
-        alone.
+    def _run(
+        self,
+        record: Record,
+        before: Beginning,
+        start: Array,
+        known: NDArray[np.int64],
+        moved: int,
+        tested: Effects,
+    ) -> Array:
+        """Rows of one stretch from `start`; before: what effects count from; moved: how many columns of the layout's
+        start, −1 for those of the motion alone.
         """
         observer = self._observer(tested)
         observer.x[observer.estimated_index] = start
+        observer.begin_at(before.seconds, before.temperature)
         columns = (
             np.eye(len(start))[:, : observer.states] if moved < 0 else np.eye(len(start))[:, self.layout.kept[:moved]]
         )
         if self.slips:
-            return self._simulated(observer, record, known, columns)
+            return self._simulated(observer, record, before.seconds, known, columns)
         still = np.zeros((len(start), len(start)))
         observer.assume(observer.estimated, still)
         observer.hold(observer.estimated[observer.states :])
@@ -345,7 +378,9 @@ class _Run:
         rows[~np.isfinite(record.sense).ravel(), -1] = np.nan
         return rows
 
-    def _simulated(self, observer: Observer, record: Record, known: NDArray[np.int64], columns: Array) -> Array:
+    def _simulated(
+        self, observer: Observer, record: Record, ago: float, known: NDArray[np.int64], columns: Array
+    ) -> Array:
         """The same by the run that carries what depends on the way, and its sensitivities."""
         c, m, axes = len(known), columns.shape[1], self.of.axes
         w = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
@@ -355,7 +390,7 @@ class _Run:
         step = np.concatenate([record.step[:1], record.step])
         rows = np.full((len(record) * axes, c + m + w + 2), np.nan)
         try:
-            run = simulate(whole, state, drive, step=step, sensitive=bool(c + m + w))
+            run = simulate(whole, state, drive, step=step, sensitive=bool(c + m + w), ago=ago)
         except ModelError:
             rows[:, -2], rows[:, -1] = np.inf, 0.0
             return rows

@@ -14,7 +14,7 @@ from estimator.core.layout import OUTPUT
 from estimator.effects.declaration import Effect, Parameter, name_of
 from estimator.observer import Observer
 from estimator.record import Record
-from estimator.scaling import Array
+from estimator.scaling import Array, Scaling
 from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.side_by_side import stop_if_abandoned
 from estimator.trace.examination import Examination
@@ -29,6 +29,8 @@ MEDIAN_OF_SQUARE = 0.455
 """Of a standard normal number."""
 SHIFT = 1e-5
 """Of a searched parameter, over which the innovations' difference is taken: small beside any curvature."""
+SPEED = (1, -1)
+"""Powers of length and time in the unit of a velocity."""
 START_CYCLES = 3.0
 """What the start of a filter tells depends on how it was begun: it does not count."""
 
@@ -67,7 +69,7 @@ class Evaluation:
     score (blocks, k), information (blocks, k, k): of twice the log-likelihood's half by the parameters, scaled, by
     part of the record, both at the noise that the pass assumed; power (blocks,) sum of squared whitened innovations;
     logs (blocks,) of the logarithms of their deviations; count (blocks,) of innovations; innovation (n, axes) V and
-    its deviation, NaN where nothing was measured.
+    its deviation, NaN where nothing was measured; share of the samples that is independent, by which all sums are less.
     """
 
     names: tuple[str, ...]
@@ -78,6 +80,7 @@ class Evaluation:
     count: Array
     innovation: Array
     deviation: Array
+    share: float = 1.0
 
     @property
     def sound(self) -> bool:
@@ -149,6 +152,16 @@ class Layout:
     most: Array
     factor: Array
 
+    def spread(self, share: float) -> Array:
+        """Deviations (k,) of the prior beside a record of whose samples so large a share is independent: that share
+        tells how sure a gain is, and is not to move what is most probable.
+        """
+        return np.asarray(self.deviation / np.sqrt(share))
+
+    def bounded(self, theta: Array) -> Array:
+        """Parameters (k,) within their bounds."""
+        return np.clip(theta, self.least, self.most)
+
     def of(self, effect: str) -> list[int]:
         """Places of an effect's parameters."""
         return [k for k, owner in enumerate(self.owner) if owner == effect]
@@ -193,11 +206,24 @@ class ObserverLayout(Layout):
         values = [effects[name][p.name] / unit for (name, p), unit in zip(self.searched, units, strict=True)]
         self.factor = np.array([*observer.factors[observer.states + self.index], *units])
         self.mean = np.array([*observer.x[observer.states + self.index], *values])
-        known = [spread[i] if i < base else coefficients[i - base][1].plausible for i in free]
+        reach = reach_of(problem)
+        known = [spread[i] if i < base else reach * coefficients[i - base][1].plausible for i in free]
         self.deviation = np.array([*known, *(abs(value) for value in values)])
         lowest = [-np.inf if i < base else coefficients[i - base][1].least for i in free]
         self.least = np.array([*lowest, *(1e-3 * value for value in values)])
         self.most = np.full(len(self.names), np.inf)
+        self.step = observer.h
+
+    def bounded(self, theta: Array) -> Array:
+        """... and no friction turns over within less than it slows the mass by from one sample to the next: no record
+        tells that, and no flow from sample to sample follows it.
+        """
+        theta = super().bounded(theta)
+        for k, (effect, parameter) in enumerate(self.searched, start=len(self.index)):
+            if (parameter.length, parameter.time) == SPEED:
+                slowed = self.step * np.abs(theta[[c for c in self.of(effect) if c < len(self.index)]])
+                theta[k] = max(theta[k], float(np.max(slowed, initial=0.0)))
+        return theta
 
     @property
     def constants(self) -> list[int]:
@@ -219,6 +245,14 @@ class ObserverLayout(Layout):
             theta[k] += step
             moved.append((replace(model, theta=theta), step))
         return moved
+
+
+def reach_of(problem: Problem) -> float:
+    """The largest force that drives a record over that of the target's spring at the amplitude, 1 at least: effects of
+    what is driven so hard are larger than of what only rings.
+    """
+    drive = np.abs(problem.record.drive[:, :, 0]) / Scaling.of(problem.device).drive
+    return max(1.0, float(np.max(drive, initial=0.0)))
 
 
 def is_searched(parameter: Parameter, given: Mapping[str, float]) -> bool:

@@ -72,7 +72,7 @@ def _judged(output: Output, told: NDArray[np.int64], held_out: NDArray[np.int64]
     first: Evidence | None = None
     model = chosen.after
     while True:
-        evidence = evidence_of(chosen.of, later, model, None)
+        evidence = evidence_of(later, chosen, model, None, None)
         evidence = replace(evidence, chance=_chance(later, evidence))
         assert isinstance(model.layout, OutputLayout)
         checks = [check for checker in CHECKS for check in checker(evidence)]

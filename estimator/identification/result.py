@@ -4,8 +4,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 
-import numpy as np
-
 from estimator.diagnosis import Diagnosis, Rejected, Unconfirmed, Verdict
 from estimator.identification.checks import Check, Evidence
 from estimator.identification.chosen import Chosen
@@ -14,6 +12,7 @@ from estimator.identification.named import effects_of, found_of
 from estimator.identification.pairs import pairs_of
 from estimator.identification.probabilities import probabilities
 from estimator.identification.rejected import Failed, rejected
+from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.trace.angle import AngleReader
 from estimator.trace.examination import Examination
@@ -85,14 +84,20 @@ def diagnosis(
         angle_moved=reader.moved(problem.effects, carried) if effects and problem.device.axes == 2 else None,
         share=share, left=after.findings if verdict is Verdict.PARTLY else (),
         probabilities=probabilities(evidence, checks, chosen.groups, chosen.found),
-        undetermined=undetermined(model), unconfirmed=unconfirmed,
+        undetermined=undetermined(model), unconfirmed=unconfirmed, free_run=_shown(evidence),
     ).of_what_is_named()  # fmt: skip
 
 
-def share_of(before: Examination, after: Examination) -> float | None:
+def _shown(evidence: Evidence) -> tuple[Array, Array] | None:
+    """Of a run that nothing corrects, measured less simulated over the part held out, before and after."""
+    if evidence.of.following is evidence.of:
+        return None
+    return evidence.before.innovation, evidence.held_out.innovation
+
+
+def share_of(evidence: Evidence) -> float | None:
     """Of the residual's power above the noise floor on the part held out, what goes; None where none stood above it."""
-    floor = np.square(before.held_out.noise_floor)
-    was, now = (float(np.mean(np.square(one.held_out.innovation_rms) / floor)) for one in (before, after))
+    was, now = evidence.before_ratio**2, evidence.floor_ratio**2
     return 1.0 - max(now - 1.0, 0.0) / (was - 1.0) if was > 1.0 else None
 
 

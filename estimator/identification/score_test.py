@@ -69,7 +69,7 @@ def score_test(of: Likelihood, fitted: FittedModel, effects: Effects) -> tuple[S
     scores = [
         score
         for seen in tested_beside(of, fitted, effects)
-        for score in _scores(of, seen, fitted.layout.deviation, effects)
+        for score in _scores(of, seen, fitted.prior_deviation, effects)
     ]
     return tuple(sorted(scores, key=lambda one: -one.gain))
 

@@ -61,11 +61,20 @@ def margin(kinds: int) -> float:
 def search(
     of: Likelihood,
     progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> Search:
+    """Effects added (`forward`), and taken out where their gain is not sure: on the way, what the model still lacks
+    scatters more than noise.
+    """
+    found = forward(of, progress)
+    return replace(found, best=backward(of, found.best, found.margin))
+
+
+def forward(
+    of: Likelihood,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
     begun: FittedModel | None = None,
 ) -> Search:
-    """Effects added while the best of the candidates has a larger criterion by the margin, and taken out where their
-    gain is not sure: on the way, what the model still lacks scatters more than noise; on from `begun`.
-    """
+    """Effects added while the best of the candidates has a larger criterion by the margin; on from `begun`."""
     base = now = fit(of, of.effects) if begun is None else begun
     rounds: list[Round] = []
     kinds = 1
@@ -81,7 +90,7 @@ def search(
         if best is None or not taken:
             break
         now = best[1]
-    return Search(base, backward(of, now, margin(kinds)), tuple(rounds))
+    return Search(base, now, tuple(rounds))
 
 
 def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[tuple[str, FittedModel]]:

@@ -12,7 +12,7 @@ from estimator.identification.checks import CHECKS, Evidence
 from estimator.identification.chosen import REFINED, SEARCHED, Chosen, choose
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import RISE, FittedModel, finished, fit, maximise, settle
-from estimator.identification.free_run import FreeRun
+from estimator.identification.free_run import FreeRun, chance_of
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.named import constants_of, effects_of
 from estimator.identification.reference import departures
@@ -72,10 +72,10 @@ def _judged(
             after = whole.examined(constants_of(model), effects_of(model), split)
         except DivergedError:
             model = chosen.before
-    evidence = evidence_of(chosen.of, later, model, after)
+    evidence = evidence_of(later, chosen, model, before, after)
     if problem.device.axes == 2 and after is not before:
         evidence = replace(evidence, references=tuple(departures(problem, before, after, split)))
-    share = share_of(before, after) if evidence.without else None
+    share = share_of(evidence) if evidence.without else None
     return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, share, {})
 
 
@@ -92,22 +92,26 @@ def likelihood_of(problem: Problem, split: int) -> Likelihood:
     return free if np.nanmean(errors[1] ** 2) < np.nanmean(errors[0] ** 2) else filtered
 
 
-def evidence_of(fitted: Likelihood, later: Likelihood, model: FittedModel, after: Examination | None) -> Evidence:
-    """What the checks look at; after: what the bench's observer makes of the record, where that was asked."""
+def evidence_of(
+    later: Likelihood, chosen: Chosen, model: FittedModel, before: Examination | None, after: Examination | None
+) -> Evidence:
+    """What the checks look at; before, after: what the bench's observer makes of the record, where that was asked."""
+    fitted = chosen.of
     named = [name for name in model.model.effects if name not in fitted.effects]
     without = dict(zip(named, side_by_side([partial(_without, fitted, model, name) for name in named]), strict=True))
 
     def over_later(one: FittedModel) -> Evaluation:
         return later.evaluate(one.layout, one.model, derivatives=False)
 
-    held_out = over_later(model)
+    held_out, lacking = over_later(model), over_later(chosen.before)
     quiet, disturbed = (
         model.evaluation if one is model.model else fitted.evaluate(model.layout, one, derivatives=False)
         for one in fitted.disturbed(model.layout, model.model)
     )
     return Evidence(
         fitted, model, without, held_out, {name: over_later(one) for name, one in without.items()},
-        later.above_floor(held_out, after), quiet, disturbed,
+        later.above_floor(held_out, after), quiet, disturbed, lacking, later.above_floor(lacking, before),
+        chance=chance_of(held_out) if isinstance(later, FreeRun) else 1.0,
     )  # fmt: skip
 
 

@@ -58,7 +58,7 @@ def evidence(
     names = list(fitted.model.effects)
     return Evidence(
         OF, fitted, dict.fromkeys(names, fitted), later or plain, dict.fromkeys(names, without or plain), ratio,
-        quiet or plain, disturbed or plain,
+        quiet or plain, disturbed or plain, plain, ratio,
     )  # fmt: skip
 
 

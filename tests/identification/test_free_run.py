@@ -8,8 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from estimator.identification.fit import fit
-from estimator.identification.free_run import TELLING, FreeRun
-from estimator.identification.likelihood import Model
+from estimator.identification.free_run import TELLING, FreeRun, chance_of
+from estimator.identification.likelihood import Model, reach_of
 from estimator.identification.score_test import score_test
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
@@ -110,3 +110,38 @@ def test_part_that_was_not_fitted_finds_its_own_start() -> None:
     later = of.part(slice(400, N)).evaluate(found.layout, found.model, derivatives=False)
     assert np.isnan(later.innovation[:TELLING]).all()
     assert np.sqrt(np.mean(later.innovation[TELLING:] ** 2)) == pytest.approx(NOISE, rel=0.2)
+
+
+def test_share_of_the_samples_moves_no_prior_but_that_of_the_start() -> None:
+    """A run's error that remembers tells less of a constant, and nothing of what the first samples showed."""
+    layout = likelihood().layout({"cubic_stiffness": {}})
+    spread = layout.spread(0.01)
+    others = np.setdiff1d(np.arange(len(spread)), layout.start)
+    assert spread[others] == pytest.approx(10.0 * layout.deviation[others])
+    assert spread[layout.start].tolist() == layout.deviation[layout.start].tolist()
+
+
+def test_first_samples_tell_the_start_and_how_surely() -> None:
+    of = likelihood()
+    layout = of.layout({})
+    places = [layout.names.index(name) for name in ("x", "vx")]
+    off = layout.mean[places] - [0.4, 1e-4 / SIZE / OMEGA0]
+    assert np.all(np.abs(off) < 3.0 * layout.deviation[places])
+    assert np.all(layout.deviation[places] < 0.5)
+
+
+@pytest.mark.parametrize(("size", "reach"), [(0.5, 1.0), (40.0, 40.0)])
+def test_effects_of_what_is_driven_hard_are_larger(size: float, reach: float) -> None:
+    """Force over that of the spring at the amplitude."""
+    still = record(lambda x, v: 0.0)
+    drive = np.zeros_like(still.drive)
+    drive[7] = size * OMEGA0**2 * SIZE
+    assert reach_of(Problem(replace(still, drive=drive), DEVICE, SETTINGS)) == pytest.approx(reach)
+
+
+def test_few_independent_samples_leave_more_by_chance() -> None:
+    of = likelihood()
+    found = fit(of, {"cubic_stiffness": {}})
+    white = found.evaluation
+    smooth = np.cumsum(np.random.default_rng(2).standard_normal((N, 1)), axis=0)
+    assert 1.0 < chance_of(white) < 1.2 < chance_of(replace(white, innovation=smooth))
