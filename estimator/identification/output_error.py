@@ -353,9 +353,9 @@ class OutputError:
         """What an effect adds to the prediction (n,): where it begins, or by one of its coefficient."""
         joint = self.output.layout({**layout.effects_of(model), name: given})
         theta = np.concatenate([model.theta, joint.mean[len(model.theta) :]])
-        if not given:
-            return self._slope(joint, theta, len(theta) - 1)
         try:
+            if not given:
+                return self._slope(joint, theta, len(theta) - 1)
             begun = self.output.predicted(joint, self.output.begun(joint, theta, self.told))
         except ModelError:
             return np.zeros(len(now.values))
