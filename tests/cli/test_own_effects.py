@@ -298,7 +298,7 @@ def test_a_broken_package_stops_no_run_that_does_without(tmp_path: Path) -> None
     assert without.returncode in (0, 1), without.stderr
     assert f"{line}; it is left out" in without.stderr.splitlines()
     named = hil_process(tmp_path, [tmp_path / "site"], "run", "named.bench.toml", *arguments)
-    assert (named.returncode, named.stdout) == (2, "")
+    assert (named.returncode, json.loads(named.stdout)["remedy"]) == (2, "mend or uninstall it")
     assert named.stderr == f"hil: {line}\n"
 
 

@@ -46,7 +46,7 @@ def test_a_record_that_cannot_be_traced_is_one_line(
     hil: Hil, tmp_path: Path, record: dict[str, float], says: str
 ) -> None:
     name = imported(hil, **record)
-    code, out, err = hil("trace", name, "--bench", "s-slow", "--json")
+    code, out, err = hil("trace", name, "--bench", "s-slow")
     assert (code, out) == (2, "")
     assert err.count("\n") == 1
     assert err.startswith(f"hil: {name}: ")

@@ -14,7 +14,8 @@ static void judge(turn_t *turn, int64_t since)
 {
     double x = turn->newest[0] / turn->noise[0], y = turn->newest[1] / turn->noise[1];
     turn->residual += (0.5 * (x * x + y * y) - turn->residual) * (1.0 / RESIDUAL_SAMPLES);
-    bool inside = turn->residual <= turn->residual_limit; /* which NaN is not */
+    /* Which neither NaN nor infinity is, however wide the limit. */
+    bool inside = turn->residual <= turn->residual_limit && turn->residual < INFINITY;
     if (since >= turn->guarded && !inside) {
         turn->residual_safe++;
         turn->stop = 1;
