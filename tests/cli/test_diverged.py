@@ -84,7 +84,7 @@ DIVERGES = {
     "device": {"sense": {"noise_V": 1e-10}},
     "limits": {"residual_safe": 1e4},
 }
-"""A memory of one cycle, a millionth of the noise, and next to nothing known: a hundred thousand times the noise off."""
+"""A memory of one cycle, a millionth of the noise, next to nothing known: 100,000 times the noise off."""
 
 
 @pytest.mark.long
