@@ -19,7 +19,7 @@ from estimator.side_by_side import side_by_side
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import begin_moving
 
-_OF_PARTS, _OF_SAMPLES = ("score", "information", "power", "logs", "count"), ("innovation", "deviation")
+_JOINED = ("score", "information", "power", "logs", "count", "innovation", "deviation")
 
 
 @dataclass(frozen=True)
@@ -60,12 +60,12 @@ class Stretched(Filtered):
             return Filtered.evaluate(one, layout, model, derivatives=derivatives, tested=tested)
 
         seen = side_by_side([partial(over, one) for one in (self, *self.later)])
-        of_parts, of_samples = (_joined(seen, names) for names in (_OF_PARTS, _OF_SAMPLES))
-        return Evaluation(seen[0].names, *of_parts, *of_samples)
+        score, information, power, logs, count, innovation, deviation = (_joined(seen, name) for name in _JOINED)
+        return Evaluation(seen[0].names, score, information, power, logs, count, innovation, deviation)
 
 
-def _joined(seen: Sequence[Evaluation], names: tuple[str, ...]) -> list[Array]:
-    return [np.concatenate([getattr(one, name) for one in seen]) for name in names]
+def _joined(seen: Sequence[Evaluation], name: str) -> Array:
+    return np.concatenate([getattr(one, name) for one in seen])
 
 
 def likelihood_of(problem: Problem, records: Sequence[Record]) -> Stretched:
