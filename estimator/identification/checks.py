@@ -7,8 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimator.chance import chi2_isf
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.reference import Departure
@@ -138,7 +138,7 @@ def constancy(seen: Evidence) -> list[Check]:
         ratio = float(np.einsum("bi,ij,bj->", left, inverse, left)) / len(rows) / usual
         parts = np.einsum("bij,ji->b", evaluation.information[:, rows][:, :, rows], inverse)
         freedom = len(rows) * max(float(parts.sum() ** 2 / np.sum(parts**2)) - 1.0, 1.0)
-        limit = float(chi2.isf(RARE, freedom)) / freedom
+        limit = chi2_isf(RARE, freedom) / freedom
         checks.append(
             Check("constancy", ratio < 2.0 * limit, f"the scores of {name} scatter by {ratio:.3g} × noise", name)
         )

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
+from estimator.chance import chi2_isf
 from estimator.core.following import Portion, Signatures, scan_block
 from estimator.core.layout import OUTPUT
 from estimator.effects.declaration import Effect
@@ -254,7 +254,7 @@ def chance_of(held_out: Evaluation) -> float:
     """
     left = held_out.innovation[np.all(np.isfinite(held_out.innovation), axis=1)]
     worth = sum(effective_samples(column) for column in left.T) if len(left) else 1.0
-    return float(np.sqrt(chi2.isf(RARE, worth) / worth))
+    return float(np.sqrt(chi2_isf(RARE, worth) / worth))
 
 
 def remembers(effect: Effect) -> bool:

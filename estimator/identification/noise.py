@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimator.chance import chi2_sf
 from estimator.scaling import Array
 
 LAGS = 20
@@ -58,4 +58,4 @@ def ljung_box(series: Array) -> float:
     if not len(lags) or not np.any(series):
         return 1.0
     statistic = n * (n + 2.0) * float(np.sum(autocorrelation(series)[lags] ** 2 / (n - lags)))
-    return float(chi2.sf(statistic, len(lags)))
+    return chi2_sf(statistic, len(lags))

@@ -6,8 +6,8 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import f as fisher
 
+from estimator.chance import f_isf
 from estimator.diagnosis import Diagnosis, Fit, Found, Interval, Rejected, Residual, Separation, Unconfirmed, Verdict
 from estimator.identification.ambiguity import Member
 from estimator.identification.checks import CHECKS, RARE, Check, Evidence, covariance
@@ -113,7 +113,7 @@ def _chance(later: OutputError, evidence: Evidence) -> float:
     """By how much more than the noise floor noise alone may leave of the part held out, rms."""
     left = evidence.held_out.innovation[:, 0]
     worth = effective_samples(left[np.isfinite(left)])
-    return float(np.sqrt(fisher.isf(RARE, worth, min(later.output.floor[1], 1e9))))
+    return float(np.sqrt(f_isf(RARE, worth, min(later.output.floor[1], 1e9))))
 
 
 def _diagnosis(judged: Judged, base: FittedModel) -> Diagnosis:

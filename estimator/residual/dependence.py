@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import qr
-from scipy.stats import t as student
+from scipy.special import stdtr
 
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
@@ -63,9 +63,9 @@ def regress(target: Array, design: Array) -> tuple[Array, Array]:
 
 def log_tail(t: float, free: int) -> float:
     """log of the chance of a t-value this large on either side."""
-    log_p = float(student.logsf(abs(t), free))
-    if not math.isfinite(log_p):  # |t| beyond what the tail can be computed for: its leading power
-        log_p = -free / 2.0 * math.log1p(t * t / free)
+    p = float(stdtr(free, -abs(t)))
+    # |t| beyond what the tail can be computed for: its leading power
+    log_p = math.log(p) if p > 0.0 else -free / 2.0 * math.log1p(t * t / free)
     return min(0.0, math.log(2.0) + log_p)
 
 

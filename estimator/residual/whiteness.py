@@ -8,8 +8,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import chi2, kstwo, kstwobign
+from scipy.special import kolmogorov
 
+from estimator.chance import chi2_sf
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 
@@ -46,7 +47,7 @@ def portmanteau(series: Array, lags: int) -> Whiteness:
             statistic += float(np.sum((white[lag:].T @ white[:-lag]) ** 2)) / pairs
     statistic *= (total + 2.0) / total
     degrees = axes**2 * lags
-    return Whiteness(statistic, float(chi2.sf(statistic, degrees)), _log_chi2(statistic, degrees))
+    return Whiteness(statistic, chi2_sf(statistic, degrees), _log_chi2(statistic, degrees))
 
 
 def cumulative_periodogram(series: Array) -> Whiteness:
@@ -62,10 +63,12 @@ def cumulative_periodogram(series: Array) -> Whiteness:
     rank = np.arange(1, count + 1)
     distance = float(max(np.max(rank / count - share), np.max(share - (rank - 1) / count)))
     if count < _SET.limiting:
+        from scipy.stats import kstwo  # half a second, for short series alone
+
         p = float(kstwo.sf(distance, count))
     else:
         root = math.sqrt(count)
-        p = float(kstwobign.sf((root + 0.12 + 0.11 / root) * distance))  # Stephens 1970
+        p = float(kolmogorov((root + 0.12 + 0.11 / root) * distance))  # Stephens 1970
     log_p = math.log(p) if p > 0.0 else math.log(2.0) - 2.0 * count * distance**2
     return Whiteness(distance, p, log_p)
 
@@ -83,8 +86,7 @@ def _whitened(series: Array) -> tuple[Array, Array]:
 
 def _log_chi2(statistic: float, degrees: int) -> float:
     """log of the upper tail; where it underflows, the leading term of its asymptotic series."""
-    log_p = float(chi2.logsf(statistic, degrees))
-    if math.isfinite(log_p):
-        return log_p
+    if (p := chi2_sf(statistic, degrees)) > 0.0:
+        return math.log(p)
     half, order = statistic / 2.0, degrees / 2.0
     return (order - 1.0) * math.log(half) - half - math.lgamma(order)

@@ -12,7 +12,6 @@ from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side, together
@@ -173,6 +172,8 @@ def _scored(model: Nameless, one: Innovations, split: int, rows: NDArray[np.bool
 
 def regressors(series: Array, order: int, roots: tuple[complex, ...]) -> Array:
     """The past of a series (n, axes): its last samples, and what each root remembers of it (n, regressors)."""
+    from scipy.signal import lfilter  # loads scipy.stats as well, which a run does without
+
     columns = []
     for lag in range(1, order + 1):
         late = np.zeros_like(series)

@@ -9,8 +9,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from scipy.stats import f as f_distribution
-
+from estimator.chance import f_isf
 from estimator.effects.characteristic import Characteristic, characteristic
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
@@ -63,7 +62,7 @@ class Errors:
         if not math.isfinite(self.after):
             return False
         few = max(min(self.samples, 1e9), 1.0), max(min(self.floor_samples, 1e9), 1.0)
-        return self.after <= self.floor * max(times, math.sqrt(float(f_distribution.isf(_SET.floor_chance, *few))))
+        return self.after <= self.floor * max(times, math.sqrt(f_isf(_SET.floor_chance, *few)))
 
     @property
     def nothing_above(self) -> bool:

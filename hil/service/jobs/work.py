@@ -24,7 +24,7 @@ def _run(order: dict[str, Any], out: Path, place: Path, began: Said, progress: W
     from hil.loop.run import run
 
     truth = place / "truth.arrow" if order.pop("score", False) else None
-    bench, link, _ = order.pop("bench"), order.pop("link"), order.pop("called")
+    bench, link, _ = order.pop("bench"), order.pop("link"), order.pop("called", None)
     request = request_of(bench, {**order, "truth": truth}, link=link)  # type: ignore[typeddict-item]
     assert request.emulated  # was looked at before, and is not driven unasked
     done = run(request, out, begun=lambda folder, _: began(folder.name), progress=progress)
