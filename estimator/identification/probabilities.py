@@ -31,9 +31,9 @@ def probabilities(
         return (_classes(None, {"nothing": 0.0, "something else": other, **gains}),)
     classes = []
     for name, without in evidence.without.items():
-        gain = evidence.model.gain_over(without)
-        weights = {"nothing": 0.0, kind(name): gain, "something else": gain + other}
-        weights |= {kind(member.name): gain - member.deficit for member in groups[name]}
+        # Beside the named effect, as the model without it may be one that loses the motion: likelihood zero.
+        weights = {"nothing": -evidence.model.gain_over(without), kind(name): 0.0, "something else": other}
+        weights |= {kind(member.name): -member.deficit for member in groups[name]}
         classes.append(_classes(kind(name), weights))
     return tuple(classes)
 

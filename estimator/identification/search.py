@@ -203,12 +203,15 @@ def reduced(of: Likelihood, fitted: FittedModel, name: str, theta: Array) -> tup
 
 
 def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
-    """Without effects that do not pay for themselves beside the others."""
+    """Without effects that do not pay for themselves beside the others; one without which the motion is lost stays."""
     while gains := {name: _gain_of(of, fitted, name) for name in fitted.model.effects if name not in of.effects}:
         least = min(gains, key=lambda name: gains[name])
         if gains[least] > margin:
             break
-        fitted = settle(of, without_effect(of, fitted, least))
+        less = settle(of, without_effect(of, fitted, least))
+        if not less.evaluation.sound:
+            break
+        fitted = less
     return fitted
 
 

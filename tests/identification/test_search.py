@@ -1,10 +1,13 @@
 """The search on records that are linear in every parameter: its threshold, its ways forward and back, its groups."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
+from estimator.identification import search as search_module
 from estimator.identification.ambiguity import exchanged, members
 from estimator.identification.fit import at
 from estimator.identification.likelihood import Model, Noise
@@ -204,3 +207,13 @@ def test_a_model_gives_way_to_one_that_stands_better_in_its_place() -> None:
     best, groups = exchanged(of, fitted(of, "worse"))
     assert list(best.model.effects) == ["a"]
     assert groups == {"a": []}
+
+
+def test_an_effect_without_which_the_motion_is_lost_stays(monkeypatch: pytest.MonkeyPatch) -> None:
+    """However little it seems to gain: nothing can be said of a model that the filter cannot follow."""
+    model: Any = SimpleNamespace(model=SimpleNamespace(effects={"drive_delay": {}}))
+    lost = SimpleNamespace(evaluation=SimpleNamespace(sound=False))
+    monkeypatch.setattr(search_module, "_gain_of", lambda *_: -1.0)
+    monkeypatch.setattr(search_module, "without_effect", lambda *_: model)
+    monkeypatch.setattr(search_module, "settle", lambda *_: lost)
+    assert backward(SimpleNamespace(effects={}), model, 10.0) is model  # type: ignore[arg-type]
