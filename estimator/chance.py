@@ -5,6 +5,9 @@ Abramowitz & Stegun, Handbook of Mathematical Functions (1964), 26.4.19 and 26.6
 
 from scipy.special import betaincinv, gammaincc, gammainccinv
 
+TWO_SIDED = 1.959963984540054
+"""Standard deviations to either side of a normal distribution's mean that hold 95 %."""
+
 
 def chi2_sf(statistic: float, freedom: float) -> float:
     """Probability that a chi-square of that freedom is larger."""

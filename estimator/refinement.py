@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from estimator.correlation import effective_samples
 from estimator.errors import ModelError
 from estimator.free_stretches import FreeRuns
 from estimator.observer import Observer
-from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
 

@@ -267,7 +267,6 @@ class ResidualLook:
     blocks: int = _set(32, "blocks", "Fewer cannot bear out a regression on seven quantities.")
     varies: float = _set(1e-6, "of its size", "A quantity that varies by less tells nothing.")
     dependent: float = _set(1e-3, "of the largest pivot", "A quantity that is so near to the others is said by them.")
-    fewest_independent: float = _set(4.0, "samples", "A series is worth that at least, however it is correlated.")
     lags: int = _set(10, "lags", "Fewer do not tell memory from chance.")
     lag_cycles: float = _set(2.0, "cycles", "Memory of a resonance shows within them.")
     lag_share: int = _set(8, "1 / share of the record", "Correlations over longer lags are of too few pairs.")

@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.completeness.answer import Lacking
 from estimator.completeness.constants import Off, shares
 from estimator.completeness.scores import Scores
@@ -25,7 +26,6 @@ from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.side_by_side import side_by_side
 from estimator.trace.candidates import kind
-from estimator.trace.certainty import TWO_SIDED
 
 _TRIED = 3
 _COMPARED = 10_000  # samples on which candidates are compared, at least

@@ -12,12 +12,12 @@ from functools import cached_property
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
+from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Interval
 from estimator.envelope.course import Power, level_at
 from estimator.envelope.laws import LINEAR, Law, laws
 from estimator.envelope.record import DECIBEL, Envelope, Resonator
 from estimator.errors import ModelError
-from estimator.identification.noise import TWO_SIDED
 from estimator.identification.output_error import Output, OutputLayout, Predicted, Rows, Size
 from estimator.scaling import Array
 from estimator.trace.axes import equations_on

@@ -5,9 +5,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.identification.fit import FittedModel
 from estimator.scaling import Array
-from estimator.trace.certainty import TWO_SIDED
 
 
 def undetermined(fitted: FittedModel) -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from estimator.chance import chi2_isf
 from estimator.core.following import Portion, Signatures, scan_block
 from estimator.core.layout import OUTPUT
+from estimator.correlation import effective_samples
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 from estimator.identification.candidates import candidates
@@ -30,7 +31,6 @@ from estimator.identification.likelihood import (
     blocks_of,
     observer_of,
 )
-from estimator.identification.noise import effective_samples
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array

@@ -1,5 +1,6 @@
 """One pass of the filter over a record: innovations, their likelihood, and its derivatives by any parameters."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
@@ -137,7 +138,7 @@ class Sums:
         return Sums(*(share * getattr(self, each.name) for each in fields(self)))
 
 
-class Layout:
+class Layout(ABC):
     """The parameters of a model: where each stands, its prior, its bounds, its unit.
 
     names (k,); owner (k,) the effect that has it, "" for the base model; mean, deviation (k,) of the prior, scaled;
@@ -171,9 +172,9 @@ class Layout:
         """Places of the base model's constants."""
         return self.of("")
 
+    @abstractmethod
     def effects_of(self, model: "Model") -> Effects:
         """The effects of a model with their parameters as they are in its theta, SI."""
-        raise NotImplementedError
 
 
 class ObserverLayout(Layout):

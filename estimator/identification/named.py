@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Found, Interval
 from estimator.effects.declaration import Effect, name_of
 from estimator.identification.checks import Evidence, covariance
@@ -12,7 +13,6 @@ from estimator.identification.fit import FittedModel
 from estimator.trace.angle import AngleReader
 from estimator.trace.axes import equations_on
 from estimator.trace.candidates import kind
-from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.problem import Effects
 
 

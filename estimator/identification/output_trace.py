@@ -7,14 +7,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.chance import f_isf
+from estimator.chance import TWO_SIDED, f_isf
+from estimator.correlation import effective_samples
 from estimator.diagnosis import Diagnosis, Fit, Found, Interval, Rejected, Residual, Separation, Unconfirmed, Verdict
 from estimator.identification.ambiguity import Member
 from estimator.identification.checks import CHECKS, RARE, Check, Evidence, covariance
 from estimator.identification.chosen import Chosen, choose
 from estimator.identification.fit import ROUGH, FittedModel, at, maximise
 from estimator.identification.likelihood import Likelihood
-from estimator.identification.noise import TWO_SIDED, effective_samples, ljung_box
+from estimator.identification.noise import ljung_box
 from estimator.identification.output_error import Output, OutputError, OutputLayout
 from estimator.identification.probabilities import probabilities
 from estimator.identification.result import verdict_of

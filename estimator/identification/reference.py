@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.trace.certainty import TWO_SIDED
+from estimator.chance import TWO_SIDED
 from estimator.trace.examination import Examination
 from estimator.trace.problem import Problem
 

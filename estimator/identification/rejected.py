@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Interval, Rejected
 from estimator.effects.declaration import Effect
 from estimator.identification.ambiguity import Member
@@ -17,7 +18,6 @@ from estimator.identification.search import Search, forbidden, margin
 from estimator.scaling import Scaling
 from estimator.settings import Device
 from estimator.trace.candidates import kind
-from estimator.trace.certainty import TWO_SIDED
 
 ROUNDING = 1e-6
 """Of the information in a plausible size: a record that tells less tells nothing."""

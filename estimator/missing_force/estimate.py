@@ -7,13 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Interval
 from estimator.effects.declaration import si_unit
 from estimator.errors import ModelError
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import fit
 from estimator.identification.likelihood import ObserverLayout, observer_of
-from estimator.identification.noise import TWO_SIDED
 from estimator.missing_force.following import follow
 from estimator.missing_force.latent import Latent
 from estimator.missing_force.law import Law, constants_alone, part_of, propose, with_constants

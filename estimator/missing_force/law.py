@@ -16,7 +16,7 @@ import sympy as sp
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from estimator.identification.noise import effective_samples
+from estimator.correlation import effective_samples
 from estimator.missing_force import library as terms_of
 from estimator.missing_force.following import Followed, follow, signatures
 from estimator.missing_force.library import Extent, Term, library

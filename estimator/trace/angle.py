@@ -9,10 +9,10 @@ from functools import partial
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side, together
-from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.fitting import run
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import settled_from

@@ -7,9 +7,6 @@ from estimator.scaling import Array
 from estimator.trace.fitting import Fitted, widening
 from estimator.trace.searched import Searched
 
-TWO_SIDED = 1.959963984540054
-"""Standard deviations to either side of a normal distribution's mean that hold 95 %."""
-
 
 def covariance_of(name: str, model: Fitted, searched: Searched) -> Array:
     """Covariance (k, k) of an effect's k coefficients, SI: of the estimates given the parameters, and what the

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.observer import Observer
 from estimator.refinement import Declared, Refined
 from estimator.scaling import Array
-from estimator.trace.certainty import TWO_SIDED
 
 
 def declared(observer: Observer) -> dict[str, Declared]:

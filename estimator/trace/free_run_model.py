@@ -13,6 +13,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.correlation import effective_samples
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
 from estimator.errors import ModelError
@@ -20,7 +21,6 @@ from estimator.free_stretches import FreeRuns
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined, refine
-from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings
 from estimator.side_by_side import side_by_side

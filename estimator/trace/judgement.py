@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.special import ndtri
 
+from estimator.correlation import autocorrelation
 from estimator.record import Record
-from estimator.residual.effective import autocorrelation
 from estimator.residual.floor import floor_deviation, quiet_bins
 from estimator.residual.spectrum import lines, periodogram
 from estimator.scaling import Array

@@ -9,11 +9,10 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
-from estimator.chance import f_isf
+from estimator.chance import TWO_SIDED, f_isf
 from estimator.effects.characteristic import Characteristic, characteristic
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.candidates import declared, kind
-from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.determined import not_determined
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest

@@ -16,10 +16,10 @@ import numpy as np
 import sympy as sp
 from scipy.signal import butter, filtfilt
 
+from estimator.correlation import effective_samples
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.effects.declaration import Coefficient, Source
 from estimator.errors import ModelError
-from estimator.identification.noise import effective_samples
 from estimator.model.gyro import vx, x
 from estimator.scaling import Array, Scaling
 from estimator.trace.criterion import extended

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import correlate, csd, welch
 
+from estimator.correlation import autocorrelation
 from estimator.residual.averaged import cross_density, power_density
-from estimator.residual.effective import autocorrelation
 
 RANDOM = np.random.default_rng(4)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from estimator.correlation import autocorrelation, effective_samples
 from estimator.record import Record
-from estimator.residual.effective import autocorrelation, effective_samples
 from estimator.residual.floor import floor_deviation, quiet_bins
 from estimator.residual.spectrum import periodogram
 from estimator.trace import judgement

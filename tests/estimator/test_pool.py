@@ -12,11 +12,11 @@ from scipy.optimize import least_squares
 from scipy.signal import cont2discrete
 from scipy.stats import linregress, norm
 
+from estimator.correlation import effective_samples
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.refinement import Declared
-from estimator.residual.effective import effective_samples
 from estimator.settings import Device, Gain, ObserverSettings, Spread
 from estimator.side_by_side import Abandoned
 from estimator.thresholds import THRESHOLDS

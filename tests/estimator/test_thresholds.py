@@ -32,7 +32,6 @@ def test_values_hold_every_threshold_once() -> None:
 def test_no_module_of_tracing_has_a_tuned_number_of_its_own() -> None:
     """A constant of a module that is a number, or several, is a threshold; but for the listed ones, each with why."""
     facts = {
-        ("certainty", "TWO_SIDED"),  # a quantile
         ("analysis", "_FAMILIES"),  # how many kinds of finding the module has
         ("analysis", "_SMALLEST_POWER"),  # of a text
         ("spectrum", "_CORRELATED"),  # of a Hann window

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.chance import TWO_SIDED
 from estimator.errors import ModelError
 from estimator.free_stretches import FreeRuns
 from estimator.observer import Observer
@@ -19,7 +20,6 @@ from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.side_by_side import stop_if_abandoned
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.certainty import TWO_SIDED
 from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate
 from estimator.trace.held_out_error import held_out_error

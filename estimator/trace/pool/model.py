@@ -9,8 +9,8 @@ from functools import partial
 
 import numpy as np
 
+from estimator.correlation import effective_samples
 from estimator.errors import ModelError
-from estimator.residual.effective import effective_samples
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.criterion import extended

@@ -3,7 +3,9 @@
 import numpy as np
 
 from estimator.scaling import Array
-from estimator.thresholds import THRESHOLDS
+
+FEWEST = 4.0
+"""Independent samples that a series is worth, however it is correlated."""
 
 
 def autocorrelation(series: Array) -> Array:
@@ -19,4 +21,4 @@ def effective_samples(residual: Array) -> float:
     correlation = autocorrelation(residual)
     first = int(np.argmax(correlation <= 0.0)) or len(correlation)
     worth = len(residual) / (1.0 + 2.0 * np.sum(correlation[1:first]))
-    return float(np.clip(worth, THRESHOLDS.residual.fewest_independent, len(residual)))
+    return float(np.clip(worth, min(FEWEST, len(residual)), len(residual)))
