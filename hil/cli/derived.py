@@ -1,6 +1,5 @@
 """Options of a verb that are declared once, elsewhere."""
 
-import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, get_args
@@ -8,20 +7,14 @@ from typing import Annotated, Any, get_args
 import typer
 from annotated_types import Ge, Le
 
-from hil.library.keywords import Keyword, keywords_of
+from hil.library.keywords import Keyword, with_keywords
 
 
 def with_options(options: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """A decorator for a verb that takes them as `**options`; `duration_s` is `--duration` there."""
 
     def around(verb: Callable[..., None]) -> Callable[..., None]:
-        own = inspect.signature(verb).parameters.values()
-        more = [
-            inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=_option(one))
-            for one in keywords_of(options)
-        ]
-        signature = inspect.Signature([*(each for each in own if each.kind is not each.VAR_KEYWORD), *more])
-        verb.__signature__ = signature  # type: ignore[attr-defined]
+        verb.__signature__ = with_keywords(verb, options, _option)  # type: ignore[attr-defined]
         verb.__annotations__ = {}  # where typer looks first
         return verb
 

@@ -35,17 +35,24 @@ def _default(kind: Any) -> Any:
     return False if kind is bool else None
 
 
+def with_keywords(
+    function: Callable[..., Any], options: type, annotation: Callable[[Keyword], Any] = lambda one: one.type
+) -> inspect.Signature:
+    """The signature of a function that takes them as `**options`, with each of them in it."""
+    signature = inspect.signature(function)
+    own = [one for one in signature.parameters.values() if one.kind is not one.VAR_KEYWORD]
+    more = [
+        inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=annotation(one))
+        for one in keywords_of(options)
+    ]
+    return signature.replace(parameters=[*own, *more])
+
+
 def takes(options: type) -> Callable[[Callable[_Given, _Answer]], Callable[_Given, _Answer]]:
     """A decorator for a function that takes them as `**options`."""
 
     def around(function: Callable[_Given, _Answer]) -> Callable[_Given, _Answer]:
-        known = list(keywords_of(options))
-        own = [one for one in inspect.signature(function).parameters.values() if one.kind is not one.VAR_KEYWORD]
-        more = [
-            inspect.Parameter(one.name, inspect.Parameter.KEYWORD_ONLY, default=one.default, annotation=one.type)
-            for one in known
-        ]
-        signature = inspect.Signature([*own, *more], return_annotation=inspect.signature(function).return_annotation)
+        signature = with_keywords(function, options)
 
         @wraps(function)
         def called(*args: _Given.args, **given: _Given.kwargs) -> _Answer:
@@ -56,7 +63,7 @@ def takes(options: type) -> Callable[[Callable[_Given, _Answer]], Callable[_Give
             return function(*args, **given)
 
         called.__signature__ = signature  # type: ignore[attr-defined]
-        told = "".join(f"\n    {one.name}: {one.help}" for one in known)
+        told = "".join(f"\n    {one.name}: {one.help}" for one in keywords_of(options))
         called.__doc__ = f"{inspect.cleandoc(function.__doc__ or '')}\n\nOptions:\n{told}\n"
         return called
 
