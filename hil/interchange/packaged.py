@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy.typing as npt
 
 from hil.errors import InputError
+from hil.errors.package import loaded
 from hil.interchange.array_source import ArraySource
 from hil.interchange.source import Selection, Table, Wanted
 
@@ -52,13 +53,4 @@ def reader_of(path: Path) -> Reader | None:
     """
     suffix = path.suffix.removeprefix(".")
     entry = next((one for one in entry_points(group=GROUP) if suffix and one.name == suffix), None)
-    if entry is None:
-        return None
-    try:
-        reader: Reader = entry.load()
-    except Exception as error:  # whatever another package does wrong
-        raise InputError(
-            f"{path}: {entry.value}, which reads {path.suffix} files, cannot be loaded: {error}; mend or remove the "
-            "package that brings it"
-        ) from error
-    return reader
+    return None if entry is None else loaded(entry, str(path))

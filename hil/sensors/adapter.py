@@ -10,6 +10,7 @@ from importlib.metadata import entry_points
 from typing import NamedTuple, Protocol
 
 from hil.errors import InputError
+from hil.errors.package import loaded
 from hil.records.layout import Column
 from hil.wire.link_name import serial_port
 
@@ -71,7 +72,7 @@ def find_port(link: str) -> Port:
         raise InputError(
             f"link {link!r}: no adapter of that name; known: {', '.join(sorted(known)) or 'none'} (NAME:PATH)"
         )
-    adapter: Adapter = known[name].load()()
+    adapter: Adapter = loaded(known[name], link)()
     expected = f"{name}:PATH or {name}:PATH?baud={adapter.baud}"
     port = serial_port(link, rest, expected, adapter.baud)
     return Port(adapter, port.path, port.baud)

@@ -202,3 +202,9 @@ def test_what_the_library_cannot_record_is_one_line(
     with pytest.raises(InputError, match=said):
         hil.record(link, out=tmp_path, **given)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_adapter_whose_package_is_broken_is_one_line(install: Install) -> None:
+    install("mygyro", "no_such_package:MyGyro")
+    with pytest.raises(InputError, match=r"mygyro:/dev/ttyUSB0: no_such_package:MyGyro cannot be loaded: .*; mend or"):
+        find_port("mygyro:/dev/ttyUSB0")
