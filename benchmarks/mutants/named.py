@@ -36,7 +36,7 @@ _ENGINE = ("tests/estimator/test_engine.py",)
 NAMED = (
     Named(
         "an interval of 90 % is said to be one of 95 %",
-        "estimator.trace.certainty", "1.959963984540054", "1.6448536269514722", _CERTAINTY,
+        "estimator.chance", "1.959963984540054", "1.6448536269514722", _CERTAINTY,
     ),
     Named(
         "no interval is widened where innovations are larger than predicted",

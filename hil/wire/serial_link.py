@@ -3,6 +3,7 @@ descriptor is used, because `Serial.read` costs several times as much as select 
 
 import errno
 import os
+import time
 from contextlib import suppress
 
 import serial
@@ -11,6 +12,12 @@ from serial.tools import list_ports
 from hil.wire.errors import LinkError
 from hil.wire.fd_link import FdLink
 from hil.wire.link_name import DEFAULT_BAUD
+
+# How long another program's hold of a port is waited for: some probe a port as soon as it is plugged in, and a process
+# that is being started holds its parent's ports for a moment.
+PASSING_S = 1.0
+_RETRY_S = 0.02
+_IN_USE = (errno.EAGAIN, errno.EBUSY)
 
 
 class SerialLink(FdLink):
@@ -30,13 +37,18 @@ def open_serial(path: str, baud: int = DEFAULT_BAUD) -> SerialLink:
     """Open a port raw, 8N1, without flow control, exclusively, and with low latency where its driver can.
 
     Raises:
-        LinkError: no such port, in use, no permission, or not a serial port.
+        LinkError: no such port, in use for longer than a second, no permission, or not a serial port.
     """
-    try:
-        # An inter-byte timeout of 0 sets VMIN = 1: reading nothing then means hang-up, and only that.
-        port = serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
-    except (OSError, ValueError, OverflowError) as error:
-        raise LinkError(f"serial:{path}: {_remedy(path, error)}") from None
+    patience = time.monotonic() + PASSING_S
+    while True:
+        try:
+            # An inter-byte timeout of 0 sets VMIN = 1: reading nothing then means hang-up, and only that.
+            port = serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
+            break
+        except (OSError, ValueError, OverflowError) as error:
+            if getattr(error, "errno", None) not in _IN_USE or time.monotonic() > patience:
+                raise LinkError(f"serial:{path}: {_remedy(path, error)}") from None
+        time.sleep(_RETRY_S)
     with suppress(OSError, ValueError):  # a pty, and many a driver, has no such setting
         port.set_low_latency_mode(True)
     return SerialLink(port, path)
@@ -44,7 +56,7 @@ def open_serial(path: str, baud: int = DEFAULT_BAUD) -> SerialLink:
 
 def _remedy(path: str, error: Exception) -> str:
     number = getattr(error, "errno", None)
-    if number in (errno.EAGAIN, errno.EBUSY):
+    if number in _IN_USE:
         return "the port is in use by another program; close it there, or name another port"
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"

@@ -247,6 +247,15 @@ def test_a_port_has_one_user(board):
     open_link(f"serial:{board.path}?baud=115200").close()
 
 
+def test_a_program_that_looks_at_the_port_for_a_moment_is_waited_for(board):
+    """ModemManager probes a port that was just plugged in; a process that was just started holds its parent's."""
+    passing = open_link(f"serial:{board.path}")
+    leaves = threading.Timer(0.2, passing.close)
+    leaves.start()
+    open_link(f"serial:{board.path}").close()
+    leaves.join(WAIT_S)
+
+
 @pytest.mark.parametrize(
     ("url", "words"),
     [
