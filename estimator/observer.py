@@ -94,8 +94,8 @@ def senses_allow(effect: Effect, device: Device) -> bool:
 class Observer:
     """Observer (7)(8) with the gain of choice, and the controller (9) when its settings are given.
 
-    The last `watched` of the settings' effects are not carried: `estimator.trace.scan` follows their signatures.  With
-    `known`, the coefficients of the others are constants that are not estimated.
+    The last `watched` of the settings' effects are not carried: `estimator.core.following` follows their signatures.
+    With `known`, the coefficients of the others are constants that are not estimated.
 
     Holds the filter's whole memory; `run` and `tick` advance it.  Raises ModelError for a device or setting that makes
     no observer (no model for the axes, fewer than four samples a cycle, latency beyond the queue).

@@ -54,42 +54,40 @@ _SIGNS = [
 
 
 _TRACE = {
-    "angle": "certainty",
     "by_simulation": "by_simulation by_simulation_rules",
-    "candidates": "candidates watch_list",
-    "certainty": "certainty",
-    "claims": "certainty",
+    "claims": "claims",
     "criterion": "criterion",
     "determined": "determined closed_forms",
     "dispersion": "dispersion",
     "engine": "engine promised by_simulation",
-    "examination": "examination certainty closed_forms",
-    "fitness": "fitness_rules fitness",
-    "fitting": "passes fitting certainty closed_forms",
     "free_run": "promised free_run closed_forms",
     "free_run_model": "by_simulation free_run_model",
-    "judgement": "judgement",
     "nameless": "nameless_pieces closed_forms nameless",
     "nested": "nested",
     "pool.fit": "pool",
     "pool.members": "pool",
     "pool.model": "pool",
     "pool.trace": "pool",
-    "prediction": "prediction fitting",
     "probability": "probability closed_forms",
-    "problem": "problem",
     "promises": "promises promised closed_forms",
-    "rest": "rest judgement",
     "rings": "rings",
-    "scan": "scan scan_parts angle_sensitivity",
-    "searched": "certainty",
     "sidebands": "sidebands",
-    "start": "start fitting closed_forms",
+}
+_IDENTIFICATION = {
+    "angle": "angle",
+    "examination": "examination angle",
+    "fitness": "fitness_rules fitness",
+    "prediction": "prediction free_runs_of_a_ring_down",
+    "problem": "problem",
+    "rest": "rest",
+    "start": "start",
+    "start_values": "start_values watch_list",
     "symmetries": "symmetries",
 }
+_COMPLETENESS = {"judgement": "judgement", "scan": "scan scan_parts angle_sensitivity"}
 _SHARED = {
     "diagnosis": "promised closed_forms",
-    "record": "certainty promised closed_forms",
+    "record": "promised closed_forms",
     "thresholds": "thresholds",
     "thresholds_page": "thresholds closed_forms",
 }
@@ -179,6 +177,11 @@ TESTS: dict[str, list[str]] = {
     "estimator.gaps": ["tests/estimator/test_gaps.py"],
     **{f"estimator.{module}": _of_estimator(tests) for module, tests in _SHARED.items()},
     **{f"estimator.trace.{module}": _of_estimator(tests) for module, tests in _TRACE.items()},
+    **{
+        f"estimator.identification.{module}": [f"tests/identification/test_{name}.py" for name in tests.split()]
+        for module, tests in _IDENTIFICATION.items()
+    },
+    **{f"estimator.completeness.{module}": _of_estimator(tests) for module, tests in _COMPLETENESS.items()},
     **{f"estimator.residual.{module}": _of_estimator(tests) for module, tests in _RESIDUAL.items()},
     **{
         f"estimator.rate_sensor.{module}": [

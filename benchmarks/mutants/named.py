@@ -29,28 +29,19 @@ class Named:
         return Mutant(line, self.before, self.after, lambda: source.replace(self.before, self.after))
 
 
-_CERTAINTY = ("tests/estimator/test_certainty.py",)
+_ANGLE = ("tests/identification/test_angle.py",)
 _LAWS = ("tests/estimator/test_laws.py",)
 _ENGINE = ("tests/estimator/test_engine.py",)
 
 NAMED = (
     Named(
         "an interval of 90 % is said to be one of 95 %",
-        "estimator.chance", "1.959963984540054", "1.6448536269514722", _CERTAINTY,
-    ),
-    Named(
-        "no interval is widened where innovations are larger than predicted",
-        "estimator.trace.fitting", "max(float(np.sqrt(np.mean(seen))), 1.0) if seen.size", "1.0 if seen.size",
-        _CERTAINTY,
-    ),
-    Named(
-        "the widening is left out of the covariance",
-        "estimator.trace.certainty", "widening(model) ** 2 * covariance", "covariance", _CERTAINTY,
+        "estimator.chance", "1.959963984540054", "1.6448536269514722", _ANGLE,
     ),
     Named(
         "what is scored as held out includes the fitted part",
-        "estimator.trace.examination", "slice(split, len(record) // every * every)",
-        "slice(settled, len(record) // every * every)", _CERTAINTY,
+        "estimator.identification.examination", "slice(split, len(record) // every * every)",
+        "slice(settled, len(record) // every * every)", _ANGLE,
     ),
     Named(
         "a number more costs nothing",
@@ -66,8 +57,8 @@ NAMED = (
     ),
     Named(
         "the angle's bound is that of one principal axis",
-        "estimator.trace.angle", "np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))",
-        "np.sqrt(max(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))", _CERTAINTY,
+        "estimator.identification.angle", "np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))",
+        "np.sqrt(max(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))", _ANGLE,
     ),
     Named(
         "the judge of the angle takes W² with the other sign",

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.repeats.agreement import Repeated
+from estimator.identification.problem import Problem
 from estimator.scaling import Scaling
 from estimator.trace.free_run_model import fitted
-from estimator.trace.problem import Problem
 from evaluation.measured.emps import FILES, motion_in
 from evaluation.measured.inverse_dynamics import fit_forces
 from evaluation.measured.oscillator import declared, imported, record_of

@@ -11,25 +11,25 @@ import numpy as np
 from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.constants import constants_of, off
 from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.judgement import left_in
 from estimator.completeness.lacking import HARMLESS, Taken, leading, taken_together
+from estimator.completeness.scan import COURSE, PARTS, scan
 from estimator.completeness.scores import Scores, scores_of
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.stretched import Stretched, beside, first_of, fitted, likelihood_of
 from estimator.completeness.turning import Turning
 from estimator.completeness.words import Nearest, in_words
+from estimator.effects.labels import kind, searched_by
 from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.identification.fit import FittedModel, at, maximise
 from estimator.identification.likelihood import is_searched
+from estimator.identification.problem import Effects, Problem
 from estimator.identification.score_test import Score
 from estimator.identification.search import margin as margin_of
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import kind, searched_by
-from estimator.trace.judgement import left_in
-from estimator.trace.problem import Effects, Problem
-from estimator.trace.scan import COURSE, PARTS, scan
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000

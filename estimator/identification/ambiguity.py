@@ -5,13 +5,13 @@ from functools import partial
 
 import numpy as np
 
+from estimator.effects.labels import kind
 from estimator.identification.exchange import Exchange, exchange_test
 from estimator.identification.fit import RISE, FittedModel, advanced, at, settle
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.score_test import score_test
 from estimator.identification.search import SHORTLIST, carried_over, impossible, joined, reduced, without_effect
 from estimator.side_by_side import side_by_side
-from estimator.trace.candidates import kind
 
 TIE = 9.0
 """Of twice the log-likelihood: odds of a hundred to one, below which two accounts are told together."""

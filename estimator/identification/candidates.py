@@ -9,12 +9,13 @@ import numpy as np
 
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Effect, Parameter
+from estimator.effects.labels import kind
 from estimator.effects.search import Search
 from estimator.identification.likelihood import Evaluation
+from estimator.identification.problem import Effects, Problem
+from estimator.identification.start_values import Values, has_signals, labelled, of_lines, of_modes, of_thresholds
 from estimator.observer import senses_allow
 from estimator.scaling import Scaling
-from estimator.trace.candidates import Values, has_signals, kind, labelled, of_lines, of_modes, of_thresholds
-from estimator.trace.problem import Effects, Problem
 
 CORNERS = (0.001, 0.01, 0.1)
 """Shares of the resonance at which a filter in the path may have its corner."""

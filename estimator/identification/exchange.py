@@ -12,9 +12,9 @@ import numpy as np
 
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import Likelihood
+from estimator.identification.problem import Effects
 from estimator.identification.score_test import Tested, tested_beside
 from estimator.scaling import Array
-from estimator.trace.problem import Effects
 
 
 @dataclass(frozen=True)

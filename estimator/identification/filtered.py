@@ -8,6 +8,7 @@ import numpy as np
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.identification.candidates import candidates
+from estimator.identification.examination import Examination, examine
 from estimator.identification.likelihood import (
     AT_THE_START,
     Beginning,
@@ -20,9 +21,8 @@ from estimator.identification.likelihood import (
     reach_of,
 )
 from estimator.identification.noise import level
+from estimator.identification.problem import Effects, Problem
 from estimator.scaling import Array
-from estimator.trace.examination import Examination, examine
-from estimator.trace.problem import Effects, Problem
 
 FIRST = 2500
 """Samples of the beginning that is fitted first."""

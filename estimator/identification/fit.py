@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 
 from estimator.identification.likelihood import Evaluation, Layout, Likelihood, Model
+from estimator.identification.problem import Effects
 from estimator.scaling import Array
-from estimator.trace.problem import Effects
 
 PASSES = 12
 """Gauss–Newton converges in three to six; more are a fit that has no top nearby."""

@@ -19,6 +19,7 @@ from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 from estimator.identification.candidates import candidates
 from estimator.identification.checks import AT_FLOOR, RARE
+from estimator.identification.examination import Examination, examine
 from estimator.identification.filtered import ROUGH, Filtered
 from estimator.identification.likelihood import (
     Beginning,
@@ -31,13 +32,12 @@ from estimator.identification.likelihood import (
     blocks_of,
     observer_of,
 )
+from estimator.identification.problem import Effects, Problem
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import REMEMBERED, simulate
-from estimator.trace.examination import Examination, examine
-from estimator.trace.problem import Effects, Problem
 
 TELLING = 50
 """Samples that tell where a part begins that was not fitted; they do not count."""

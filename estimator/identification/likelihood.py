@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from estimator.core.following import Portion, Signatures, scan_block
 from estimator.core.layout import OUTPUT
 from estimator.effects.declaration import Effect, Parameter, name_of
+from estimator.identification.examination import Examination
+from estimator.identification.problem import Effects, Problem
+from estimator.identification.start import begin_moving
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array, Scaling
 from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.side_by_side import stop_if_abandoned
-from estimator.trace.examination import Examination
-from estimator.trace.problem import Effects, Problem
-from estimator.trace.start import begin_moving
 
 BLOCKS = 24
 """Parts of a record whose scores are taken as independent: longer than the memory of any filter that follows."""

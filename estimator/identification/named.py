@@ -8,12 +8,12 @@ import numpy as np
 from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Found, Interval
 from estimator.effects.declaration import Effect, name_of
+from estimator.effects.labels import kind
+from estimator.identification.angle import AngleReader
+from estimator.identification.axes import equations_on
 from estimator.identification.checks import Evidence, covariance
 from estimator.identification.fit import FittedModel
-from estimator.trace.angle import AngleReader
-from estimator.trace.axes import equations_on
-from estimator.trace.candidates import kind
-from estimator.trace.problem import Effects
+from estimator.identification.problem import Effects
 
 
 def effects_of(fitted: FittedModel) -> dict[str, dict[str, float]]:

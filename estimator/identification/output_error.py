@@ -17,6 +17,7 @@ from scipy.linalg import cholesky_banded, solve_banded
 from estimator.diagnosis import Interval
 from estimator.errors import ModelError
 from estimator.identification.checks import AT_FLOOR, Check
+from estimator.identification.examination import Examination
 from estimator.identification.filtered import CLOSE
 from estimator.identification.likelihood import (
     BLOCKS,
@@ -29,10 +30,9 @@ from estimator.identification.likelihood import (
     blocks_of,
 )
 from estimator.identification.noise import level
+from estimator.identification.problem import Effects
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
-from estimator.trace.examination import Examination
-from estimator.trace.problem import Effects
 
 NO_WALK, ALL_WALK = 1e-3, 1e1
 """Of the white noise: what a walk comes to over the record at least, and from one sample to the next at most."""

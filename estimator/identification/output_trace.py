@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from estimator.chance import TWO_SIDED, f_isf
 from estimator.correlation import effective_samples
 from estimator.diagnosis import Diagnosis, Fit, Found, Interval, Rejected, Residual, Separation, Unconfirmed, Verdict
+from estimator.effects.labels import kind
 from estimator.identification.ambiguity import Member
 from estimator.identification.checks import CHECKS, RARE, Check, Evidence, covariance
 from estimator.identification.chosen import Chosen, choose
@@ -22,7 +23,6 @@ from estimator.identification.result import verdict_of
 from estimator.identification.trace import evidence_of
 from estimator.scaling import Array
 from estimator.side_by_side import one_blas_thread
-from estimator.trace.candidates import kind
 
 REFUSED = ("held out", "sign", "limit", "walk")
 """Checks without which an effect is no part of a model; the others may fail for what else is left."""

@@ -4,15 +4,15 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 
 from estimator.diagnosis import Found, Rejected, Separation
+from estimator.effects.labels import kind
 from estimator.identification.ambiguity import Member
+from estimator.identification.angle import AngleReader
 from estimator.identification.fit import FittedModel
 from estimator.identification.named import called, constants_of, effects_of
+from estimator.identification.problem import Problem
 from estimator.identification.separations import separations
+from estimator.identification.symmetries import Constants, equivalents, nonreciprocal_of
 from estimator.side_by_side import side_by_side
-from estimator.trace.angle import AngleReader
-from estimator.trace.candidates import kind
-from estimator.trace.problem import Problem
-from estimator.trace.symmetries import Constants, equivalents, nonreciprocal_of
 
 AXES = ("xx", "yy", "xy")
 

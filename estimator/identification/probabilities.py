@@ -5,10 +5,10 @@ from collections.abc import Iterable, Mapping
 import numpy as np
 
 from estimator.diagnosis import Classes
+from estimator.effects.labels import kind
 from estimator.identification.ambiguity import Member
 from estimator.identification.checks import OF_THE_REST, Check, Evidence
 from estimator.identification.search import Search
-from estimator.trace.candidates import kind
 
 
 def probabilities(

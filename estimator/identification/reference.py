@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.chance import TWO_SIDED
-from estimator.trace.examination import Examination
-from estimator.trace.problem import Problem
+from estimator.identification.examination import Examination
+from estimator.identification.problem import Problem
 
 EXPECTED = 2.6
 """Times what an angle is expected to be off, one in a hundred is off by more: it has been so in one draw."""

@@ -9,6 +9,7 @@ import numpy as np
 from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Interval, Rejected
 from estimator.effects.declaration import Effect
+from estimator.effects.labels import kind
 from estimator.identification.ambiguity import Member
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import Likelihood
@@ -17,7 +18,6 @@ from estimator.identification.score_test import Score
 from estimator.identification.search import Search, forbidden, margin
 from estimator.scaling import Scaling
 from estimator.settings import Device
-from estimator.trace.candidates import kind
 
 ROUNDING = 1e-6
 """Of the information in a plausible size: a record that tells less tells nothing."""

@@ -5,18 +5,18 @@ from dataclasses import dataclass
 from functools import partial
 
 from estimator.diagnosis import Diagnosis, Rejected, Unconfirmed, Verdict
+from estimator.identification.angle import AngleReader
 from estimator.identification.checks import Check, Evidence
 from estimator.identification.chosen import Chosen
 from estimator.identification.determined import undetermined
+from estimator.identification.examination import Examination
 from estimator.identification.named import effects_of, found_of
 from estimator.identification.pairs import pairs_of
 from estimator.identification.probabilities import probabilities
+from estimator.identification.problem import Problem
 from estimator.identification.rejected import Failed, rejected
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.angle import AngleReader
-from estimator.trace.examination import Examination
-from estimator.trace.problem import Problem
 
 MOST = 0.5
 """Of the power above the noise floor, that effects have to account for which explain a part."""

@@ -13,9 +13,9 @@ import numpy as np
 from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import Evaluation, Likelihood
+from estimator.identification.problem import Effects
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.problem import Effects
 
 
 @dataclass(frozen=True)

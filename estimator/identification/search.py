@@ -7,13 +7,13 @@ from itertools import zip_longest
 
 import numpy as np
 
+from estimator.effects.labels import kind
 from estimator.identification.fit import ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
 from estimator.identification.likelihood import Layout, Likelihood, Model
+from estimator.identification.problem import Effects
 from estimator.identification.score_test import Score, score_test
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.candidates import kind
-from estimator.trace.problem import Effects
 
 SHORTLIST = 4
 """Kinds of effects that are fitted in a round: one of the two tables of scores has the right one first or second."""

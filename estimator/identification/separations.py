@@ -16,11 +16,11 @@ from estimator.identification.experiments import EXPERIMENTS, SETTLED, Experimen
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import FittedModel
 from estimator.identification.likelihood import BLOCKS, Model
+from estimator.identification.problem import Effects, Problem
 from estimator.identification.score_test import projected
 from estimator.scaling import Array
 from estimator.settings import Device, Gain
 from estimator.side_by_side import side_by_side
-from estimator.trace.problem import Effects, Problem
 
 SURE = 1.645
 """Standard deviations: an experiment so long separates two effects 95 times in 100."""

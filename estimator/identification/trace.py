@@ -10,19 +10,19 @@ from estimator.diagnosis import Diagnosis, Verdict
 from estimator.errors import DivergedError
 from estimator.identification.checks import CHECKS, Evidence
 from estimator.identification.chosen import REFINED, SEARCHED, Chosen, choose
+from estimator.identification.examination import Examination, examine
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import RISE, FittedModel, finished, fit, maximise, settle
+from estimator.identification.fitness import require_traceable
 from estimator.identification.free_run import FreeRun, chance_of
 from estimator.identification.likelihood import Evaluation, Likelihood
 from estimator.identification.named import constants_of, effects_of
+from estimator.identification.problem import Problem
 from estimator.identification.reference import departures
 from estimator.identification.rejected import Failed
 from estimator.identification.result import Judged, diagnosis, share_of
 from estimator.identification.search import without_effect
 from estimator.side_by_side import side_by_side
-from estimator.trace.examination import Examination, examine
-from estimator.trace.fitness import require_traceable
-from estimator.trace.problem import Problem
 
 Progress = Callable[[str, int, int], None]
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from estimator.scaling import Array
-from estimator.trace.scan import PARTS
+from estimator.thresholds import THRESHOLDS
 
 
 def dispersed(normalised: Array, other: Array) -> float:
@@ -20,4 +20,4 @@ def dispersed(normalised: Array, other: Array) -> float:
     if not 0.0 < size < np.inf:
         return 1.0
     noise = np.sum(apart * one, axis=1)
-    return float(sum(np.sum(part) ** 2 for part in np.array_split(noise, PARTS))) / size
+    return float(sum(np.sum(part) ** 2 for part in np.array_split(noise, THRESHOLDS.scan.parts))) / size

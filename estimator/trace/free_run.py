@@ -12,6 +12,10 @@ import numpy as np
 from estimator.diagnosis import Diagnosis, Found, Interval, Rejected, Separation, Verdict
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
+from estimator.identification.axes import equations_on
+from estimator.identification.examination import Examination, examine
+from estimator.identification.problem import Problem
+from estimator.identification.symmetries import heavier, mass_of_nonreciprocal, mass_of_sense_gain
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.record import Record
@@ -20,19 +24,15 @@ from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
-from estimator.trace.axes import equations_on
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation, without
 from estimator.trace.claims import on_one_floor, residual_of
 from estimator.trace.determined import declared, undetermined
 from estimator.trace.engine import leaves_the_rest
-from estimator.trace.examination import Examination, examine
 from estimator.trace.free_run_model import estimates_of
 from estimator.trace.held_out_error import held_out_error
 from estimator.trace.nameless import Innovations, contest
 from estimator.trace.probability import stated
-from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
-from estimator.trace.symmetries import heavier, mass_of_nonreciprocal, mass_of_sense_gain
 
 _SET = THRESHOLDS.free_runs
 _SHOWN = 2000  # samples of a free run, for a picture of a few cycles

@@ -18,6 +18,7 @@ from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.free_stretches import FreeRuns
+from estimator.identification.problem import Effects, Problem
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined, refine
@@ -31,7 +32,6 @@ from estimator.trace.determined import declared, unsettled
 from estimator.trace.engine import Estimate, Score, Trial
 from estimator.trace.kin import are_kin
 from estimator.trace.nested import simpler_than
-from estimator.trace.problem import Effects, Problem
 
 _SET = THRESHOLDS.free_runs
 

@@ -8,7 +8,7 @@ little, since friction is far from linear in how slow the mass is where it turns
 channel, the spring or the damping, a vibration shows a shift and its second harmonic.
 """
 
-from estimator.trace.candidates import declared
+from estimator.effects.labels import declared
 
 
 def are_kin(name: str, other: str) -> bool:

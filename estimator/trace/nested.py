@@ -3,8 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from estimator.effects.labels import declared
 from estimator.effects.search import Search
-from estimator.trace.candidates import declared
 from estimator.trace.criterion import TIE
 from estimator.trace.engine import Trial
 

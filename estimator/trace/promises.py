@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 
 from estimator.chance import TWO_SIDED, f_isf
 from estimator.effects.characteristic import Characteristic, characteristic
+from estimator.effects.labels import declared, kind
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import declared, kind
 from estimator.trace.determined import not_determined
 from estimator.trace.engine import Estimate, unphysical
 from estimator.trace.nameless import Contest

@@ -7,11 +7,11 @@ from scipy.signal import find_peaks
 
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
+from estimator.identification.problem import Effects
+from estimator.identification.start_values import resonance
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.candidates import resonance
-from estimator.trace.problem import Effects
 
 _SET = THRESHOLDS.candidates
 

@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
+from estimator.identification.problem import Effects
 from estimator.record import Record
 from estimator.residual.spectrum import summed_power
-from estimator.trace.problem import Effects
 
 
 @dataclass(frozen=True)

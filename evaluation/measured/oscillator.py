@@ -2,11 +2,11 @@
 
 from pathlib import Path
 
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
 from estimator.trace import free_run
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
-from estimator.trace.problem import Problem
 from evaluation.measured.outcome import Say
 from hil.bench import examples, load_bench
 from hil.inputs.captured import samples_of

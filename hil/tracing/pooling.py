@@ -8,8 +8,8 @@ import numpy as np
 
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
+from estimator.identification.fitness import remarks, require_traceable
 from estimator.side_by_side import interruptible, one_blas_thread, workers
-from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.pool.members import Member, Pool, held_out_by_default
 from hil.bench import RateSensorBench, load_any_bench, override
 from hil.bench.by_verb import require_usable

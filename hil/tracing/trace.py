@@ -9,10 +9,10 @@ import numpy as np
 
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
+from estimator.identification.fitness import remarks, require_traceable
+from estimator.identification.problem import Problem
 from estimator.missing_force.result import MissingForce
 from estimator.side_by_side import interruptible, one_blas_thread, workers
-from estimator.trace.fitness import remarks, require_traceable
-from estimator.trace.problem import Problem
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.bench.by_verb import require_usable
 from hil.bench.ratio import drive_words

@@ -7,12 +7,12 @@ import pytest
 from scipy.linalg import expm
 
 from estimator.diagnosis import Verdict
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.trace.by_simulation import trace_by_simulation
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.free_run_model import candidates
-from estimator.trace.problem import Problem
 from tests.estimator.test_simulation import RATE, SINGLE, integrated, noise_drive
 
 SETTINGS = ObserverSettings(spread=Spread(offset=0.01))

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.refinement import Refined
 from estimator.scaling import Array
@@ -16,7 +17,6 @@ from estimator.trace import by_simulation
 from estimator.trace.by_simulation import RULES, trace_by_simulation, without
 from estimator.trace.engine import Chosen, Dissent, Outcome, Round, Score, Step, Trial, Tried
 from estimator.trace.free_run_model import FreeRun, Promise
-from estimator.trace.problem import Problem
 
 LONG, COMPARED = 30_000, THRESHOLDS.free_runs.compared
 DEVICE = Device(sample_rate=600.0, stiffness=(1.9e5,), damping=(40.0,), amplitude=0.1, sense_gain=(2.0,), noise=(1e-4,))

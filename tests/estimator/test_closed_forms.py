@@ -15,6 +15,8 @@ from scipy.signal import lfilter
 
 from estimator.diagnosis import Verdict
 from estimator.errors import DivergedError
+from estimator.identification import examination, fitness
+from estimator.identification.problem import Problem
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.residual import dependence, spectrum, whiteness
@@ -22,11 +24,10 @@ from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.thresholds_page import page
-from estimator.trace import determined, examination, fitness, nameless, promises
+from estimator.trace import determined, nameless, promises
 from estimator.trace.free_run import verdict_of
 from estimator.trace.nameless import Contest
 from estimator.trace.probability import NOTHING, OTHER, Account, classes, stated
-from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
 
 RATE, HZ = 4000.0, 200.0

@@ -15,14 +15,14 @@ from benchmarks.lockstep import Bench, ClosedLoop, Scenario, bench_of, close_loo
 from estimator.completeness.answer import Completeness, Outcome
 from estimator.completeness.closing import Limits, closing_scan, turning_of
 from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.scan import COURSE, PARTS, scan
 from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
 from estimator.gaps import Drives, Gaps
 from estimator.identification.experiments import EXPERIMENTS, loop_record
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import ControllerSettings
-from estimator.trace.problem import Problem
-from estimator.trace.scan import COURSE, PARTS, scan
 from hil.inputs.declared import device_of, observer_settings_of
 from tests.estimator.test_scan import DEVICE, SETTINGS
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
+from estimator.identification.problem import Problem
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Declared, refine
@@ -16,7 +17,6 @@ from estimator.simulation import simulate
 from estimator.trace import determined
 from estimator.trace.determined import declared, undetermined, unsettled
 from estimator.trace.free_run_model import fitted
-from estimator.trace.problem import Problem
 
 RATE = 600.0
 DEVICE = Device(

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from estimator.completeness.scan import PARTS
 from estimator.trace.dispersion import dispersed
-from estimator.trace.scan import PARTS
 
 
 def test_a_part_counts_with_the_square_of_its_sum_over_what_white_noise_would_make() -> None:

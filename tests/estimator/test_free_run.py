@@ -9,6 +9,7 @@ import pytest
 from scipy.stats import norm
 
 from estimator.diagnosis import Finding, Fit, Separation, Verdict
+from estimator.identification.problem import Problem
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined
@@ -20,7 +21,6 @@ from estimator.trace.by_simulation import SimulationTrace
 from estimator.trace.engine import Estimate
 from estimator.trace.free_run import judged
 from estimator.trace.probability import Account
-from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Errors
 
 RATE, N, SPLIT = 600.0, 500, 300

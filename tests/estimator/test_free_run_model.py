@@ -10,6 +10,7 @@ import pytest
 
 from estimator import free_stretches
 from estimator.errors import ModelError
+from estimator.identification.problem import Problem
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined
@@ -19,7 +20,6 @@ from estimator.trace import free_run_model
 from estimator.trace.criterion import extended
 from estimator.trace.engine import Score, Trial
 from estimator.trace.free_run_model import FreeRun, FreeRunModel, Promise, parts_of, promises_of
-from estimator.trace.problem import Problem
 
 RATE, N = 600.0, 400
 DEVICE = Device(sample_rate=RATE, stiffness=(1.9e5,), damping=(40.0,), amplitude=0.1, sense_gain=(2.0,), noise=(1e-4,))

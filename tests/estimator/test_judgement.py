@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
+from estimator.completeness import judgement
+from estimator.completeness.judgement import left_in, power_over_prediction, predictable_share, steadied
 from estimator.correlation import autocorrelation, effective_samples
 from estimator.record import Record
 from estimator.residual.floor import floor_deviation, quiet_bins
 from estimator.residual.spectrum import periodogram
-from estimator.trace import judgement
-from estimator.trace.judgement import left_in, power_over_prediction, predictable_share, steadied
 
 N, RATE, RESONANCE = 60_000, 4000.0, 200.0
 CYCLE = 20

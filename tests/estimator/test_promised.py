@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from estimator.diagnosis import Fit, Verdict
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import claims, free_run
 from estimator.trace.engine import Estimate, Outcome, Score, Tried, tried_reason
-from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
 from tests.estimator.device import NOMINAL as DEVICE
 

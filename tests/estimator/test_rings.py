@@ -12,6 +12,7 @@ from benchmarks.laboratory.rows import figures, pooled
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
@@ -20,7 +21,6 @@ from estimator.trace.free_run import trace_free_run
 from estimator.trace.free_run_model import candidates
 from estimator.trace.pool.members import Member, Pool
 from estimator.trace.pool.trace import trace_pool
-from estimator.trace.problem import Problem
 from estimator.trace.rings import begun, rings
 
 RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0

@@ -6,11 +6,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.identification.examination import Examination
 from estimator.identification.fit import FittedModel, fit
 from estimator.identification.likelihood import BLOCKS, Evaluation, Layout, Model, Noise
+from estimator.identification.problem import Effects
 from estimator.model.formula import symbols
-from estimator.trace.examination import Examination
-from estimator.trace.problem import Effects
 from tests.identification.plain import Array
 
 WIDE = 1e4

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
-from estimator.trace.problem import Problem
 
 Array = NDArray[np.float64]
 Columns = Mapping[str, Array]

@@ -5,7 +5,7 @@ import pytest
 
 from estimator.identification.filtered import Filtered
 from estimator.identification.likelihood import Model
-from estimator.trace.problem import Effects
+from estimator.identification.problem import Effects
 from tests.identification.plain import problem, records
 
 

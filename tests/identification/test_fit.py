@@ -11,7 +11,7 @@ from estimator.identification.checks import covariance
 from estimator.identification.filtered import Filtered
 from estimator.identification.fit import FittedModel, at, fit, maximise, settle
 from estimator.identification.likelihood import BLOCKS, Evaluation, Layout, Model
-from estimator.trace.problem import Effects
+from estimator.identification.problem import Effects
 from tests.identification.linear import Linear, fitted, made
 from tests.identification.plain import BASE, Array, problem, records
 

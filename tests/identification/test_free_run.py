@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from estimator.identification.fit import fit
 from estimator.identification.free_run import TELLING, FreeRun, chance_of
 from estimator.identification.likelihood import Model, reach_of
+from estimator.identification.problem import Problem
 from estimator.identification.score_test import score_test
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
-from estimator.trace.problem import Problem
 
 RATE, OMEGA0, DAMPING, SIZE, GAIN, NOISE = 1000.0, 2.0 * np.pi * 50.0, 30.0, 1e-6, 1e6, 1e-3
 N = 900

@@ -11,9 +11,9 @@ from scipy.stats import chi2
 from estimator.gaps import Gaps
 from estimator.identification.filtered import Filtered
 from estimator.identification.likelihood import BLOCKS, Evaluation, Model, Noise
+from estimator.identification.problem import Effects, Problem
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
-from estimator.trace.problem import Effects, Problem
 from tests.identification.plain import (
     ALONE,
     AMPLITUDE,

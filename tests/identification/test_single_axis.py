@@ -9,11 +9,11 @@ from scipy.integrate import solve_ivp
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.identification.free_run import FreeRun
 from estimator.identification.likelihood import Model
+from estimator.identification.problem import Problem
 from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
-from estimator.trace.problem import Problem
 
 RATE, OMEGA0, DAMPING, NOISE = 100.0, 2.0 * np.pi * 4.0, 0.5, 1e-3
 DEVICE = Device(

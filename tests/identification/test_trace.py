@@ -14,9 +14,9 @@ from estimator.identification.fit import fit, settle
 from estimator.identification.likelihood import Evaluation
 from estimator.identification.named import effects_of
 from estimator.identification.probabilities import _classes, probabilities
+from estimator.identification.problem import Effects
 from estimator.identification.rejected import rejected as rejections
 from estimator.identification.trace import trace
-from estimator.trace.problem import Effects
 from tests.identification.linear import fitted
 from tests.identification.plain import problem, records
 from tests.identification.test_checks import SURE, evaluation, evidence, model

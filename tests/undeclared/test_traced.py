@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from estimator.identification.problem import Problem
 from estimator.side_by_side import WORKERS
-from estimator.trace.problem import Problem
 from evaluation.undeclared.judging import Judgement, judge
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import make

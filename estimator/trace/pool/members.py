@@ -7,9 +7,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.errors import ModelError
+from estimator.identification.problem import Effects, Problem
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
-from estimator.trace.problem import Effects, Problem
 
 
 @dataclass(frozen=True)

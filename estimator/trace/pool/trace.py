@@ -23,12 +23,13 @@ from estimator.diagnosis import (
 )
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
+from estimator.identification.axes import equations_on
+from estimator.identification.problem import Problem
 from estimator.refinement import Refined
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace import promises
-from estimator.trace.axes import equations_on
 from estimator.trace.by_simulation import RULES
 from estimator.trace.determined import unsettled
 from estimator.trace.engine import Chosen, Estimate, as_near, choose, leaves_the_rest, why_not
@@ -40,7 +41,6 @@ from estimator.trace.pool.fit import PooledRun, error_on, fitted, observer_of, o
 from estimator.trace.pool.members import Level, Pool, Rows
 from estimator.trace.pool.model import PooledModel, constant_of, estimates_of, gain_of
 from estimator.trace.probability import of_rounds, stated
-from estimator.trace.problem import Problem
 from estimator.trace.promises import Claim, Constant, Errors
 from estimator.trace.rings import begun as rings_begun
 

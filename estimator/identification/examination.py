@@ -1,23 +1,21 @@
 """A model's predictions over the whole record as the bench would make them: the part that was fitted, then the rest."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
 from estimator.diagnosis import Finding, Fit, Residual
 from estimator.errors import DivergedError
+from estimator.identification.observed import run
+from estimator.identification.prediction import free_run_error
+from estimator.identification.problem import Problem
+from estimator.identification.start import settled_from
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.residual.analysis import analyse
 from estimator.scaling import Array
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitting import run
-from estimator.trace.nameless import Innovations
-from estimator.trace.prediction import free_run_error
-from estimator.trace.problem import Problem
-from estimator.trace.start import settled_from
 
 _SET = THRESHOLDS.scoring
 
@@ -34,11 +32,6 @@ class Examination:
     residual: Residual
     estimates: Estimates
     settled: slice
-
-    @cached_property
-    def innovations(self) -> Innovations:
-        """As the nameless rival sees them."""
-        return Innovations(self.estimates.innovation, self.estimates.innovation_deviation, self.settled)
 
 
 def examine(problem: Problem, split: int) -> Examination:

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from estimator.errors import ModelError
+from estimator.identification import fitness
+from estimator.identification.fitness import longest_stand, reached_at_speed, remarks
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
-from estimator.trace import fitness
-from estimator.trace.fitness import longest_stand, reached_at_speed, remarks
 
 RATE, HZ = 4000.0, 200.0
 TARGET = (2.0 * np.pi * HZ) ** 2

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.identification import prediction
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings
-from estimator.trace import prediction
-from estimator.trace.problem import Problem
 
 RATE, HZ = 4000.0, 200.0
 TARGET = (2.0 * np.pi * HZ) ** 2

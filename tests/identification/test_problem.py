@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import ControllerSettings, ObserverSettings
-from estimator.trace.problem import Problem
 from tests.estimator.device import NOMINAL
 
 RECORD = Record(np.arange(16.0).reshape(8, 2), np.zeros((8, 2, 1)), np.array([0.25] * 4 + [0.5] * 4))

@@ -11,9 +11,8 @@ from scipy.integrate import solve_ivp
 
 from estimator.diagnosis import Interval
 from estimator.effects.catalogue import EFFECTS, effect_for
-from estimator.model import gyro
-from estimator.trace import symmetries
-from estimator.trace.symmetries import (
+from estimator.identification import symmetries
+from estimator.identification.symmetries import (
     Constants,
     System,
     equivalents,
@@ -23,6 +22,7 @@ from estimator.trace.symmetries import (
     reversed_in_time,
     system_with,
 )
+from estimator.model import gyro
 
 CONSTANTS = Constants((1.02, 0.98, 0.03), (4e-3, 5e-3, 5e-4), (1.0, 1.0, 0.0), 0.05)
 T = np.linspace(0.0, 60.0, 241)

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Effect, Source
 from estimator.effects.search import Search
 from estimator.record import Record
@@ -24,22 +23,6 @@ _SET = THRESHOLDS.candidates
 Parameters = dict[str, float]
 Values = Sequence[tuple[str, tuple[float, ...]]]
 """At which values an effect is watched, each with its label: one for all of its parameters, or one each."""
-
-
-def kind(name: str) -> str:
-    """Name of an effect without its label."""
-    return name.partition(":")[0]
-
-
-def declared(name: str) -> Effect | None:
-    """The effect of that name in the catalogue, None where it is not of it."""
-    return next((effect for effect in EFFECTS if effect.name == kind(name)), None)
-
-
-def searched_by(name: str) -> Search | None:
-    """Where a trace takes the parameters of that effect, None where it has none or is not of the catalogue."""
-    effect = declared(name)
-    return None if effect is None else effect.search
 
 
 def labelled(shares: Sequence[float], of: float) -> Values:

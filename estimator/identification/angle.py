@@ -10,12 +10,12 @@ from functools import partial
 import numpy as np
 
 from estimator.chance import TWO_SIDED
+from estimator.identification.observed import run
+from estimator.identification.problem import Effects, Problem
+from estimator.identification.start import settled_from
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side, together
-from estimator.trace.fitting import run
-from estimator.trace.problem import Effects, Problem
-from estimator.trace.start import settled_from
 
 
 @dataclass(frozen=True)

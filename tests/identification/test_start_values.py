@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.effects.labels import searched_by
 from estimator.effects.search import Search
-from estimator.trace.candidates import resonance, searched_by
+from estimator.identification.start_values import resonance
 from tests.estimator.test_scan import DEVICE
 
 ONE_AXIS = replace(

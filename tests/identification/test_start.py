@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from estimator.identification.start import begin_about, begin_moving, first_motion, settled_from, settling
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.start import begin_about, begin_moving, first_motion, settled_from, settling
 
 RATE, OMEGA = 4000.0, 2.0 * np.pi * 200.0
 DEVICE = Device(

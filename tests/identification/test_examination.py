@@ -9,13 +9,13 @@ import pytest
 
 from estimator.diagnosis import Fit, Residual
 from estimator.errors import DivergedError
+from estimator.identification import examination
+from estimator.identification.examination import Examination, analyse_spectrum, examine, scored
+from estimator.identification.problem import Problem
 from estimator.observer import Estimates
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ObserverSettings
-from estimator.trace import examination
-from estimator.trace.examination import Examination, analyse_spectrum, examine, scored
-from estimator.trace.problem import Problem
 from tests.estimator.device import NOMINAL
 
 N, SPLIT = 1003, 600

@@ -1,4 +1,4 @@
-"""What is said to be how sure: intervals, their widening, and the bound of the angle, each beside its closed form."""
+"""The bound of the angle beside its closed form, and what an examination scores on which part of a record."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from estimator.effects.catalogue import effect_for
+from estimator.diagnosis import Fit
+from estimator.identification import angle, examination
+from estimator.identification.angle import AngleReader
+from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import ObserverSettings
-from estimator.trace import angle, claims, examination
-from estimator.trace.angle import AngleReader
-from estimator.trace.certainty import covariance_of
-from estimator.trace.fitting import widening
-from estimator.trace.problem import Problem
-from estimator.trace.searched import NOTHING, Searched
 from tests.estimator.device import NOMINAL as DEVICE
 
 N, SPLIT = 1200, 700
@@ -28,39 +25,6 @@ def problem(samples: int = N) -> Problem:
     record = Record(sense, np.ones((samples, 2, 1)), np.full(samples, 1 / 4000.0))
     known = {"drive_gain": dict(zip(("hx", "hy"), VALUES, strict=True))}
     return Problem(record, DEVICE, ObserverSettings(effects=known))
-
-
-def fitted(size: float):
-    """A model with a drive gain whose innovations are `size` times as large as was predicted."""
-    names = ("x", "vx", "hx", "hy")
-    full = np.zeros((4, 4))
-    full[2:, 2:] = COVARIANCE
-    observer = SimpleNamespace(
-        device=DEVICE, names=names, estimated=names, covariance=full, state=np.array([0.0, 0.0, *VALUES]),
-        effects=[effect_for("drive_gain", 2)], settings=problem().settings,
-    )  # fmt: skip
-    signs = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
-    estimates = SimpleNamespace(innovation=3e-4 * size * signs, innovation_deviation=np.full((N, 2), 3e-4))
-    return SimpleNamespace(observer=observer, estimates=estimates, settings=observer.settings)
-
-
-def test_lost_samples_do_not_make_a_model_surer():
-    model = fitted(2.5)
-    model.estimates.innovation[::3] = np.nan
-    assert widening(model) == pytest.approx(2.5)
-
-
-def test_a_model_of_which_the_observer_follows_nothing_is_not_sure_of_anything():
-    model = fitted(2.5)
-    model.estimates.innovation[:] = np.nan
-    assert np.isnan(widening(model))
-
-
-def test_what_a_searched_parameter_moves_the_coefficients_by_is_in_their_covariance():
-    searched = Searched(("limit",), np.array([[4.0]]), np.array([[0.1], [-0.2]]))
-    expected = 4.0 * (COVARIANCE + 4.0 * np.array([[0.01, -0.02], [-0.02, 0.04]]))
-    np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), searched), expected, rtol=1e-12)
-    np.testing.assert_allclose(covariance_of("drive_gain", fitted(2.0), NOTHING), 4.0 * COVARIANCE, rtol=1e-12)
 
 
 @pytest.mark.parametrize("weights", [(1.0, 0.0), (0.3, 1.0), (1.0, -1.0)])
@@ -134,34 +98,6 @@ def test_what_is_shifted_is_shifted_as_asked():
     assert shifted == {"drive_saturation": {"sx": 1.25, "sy": 1.5, "limit": 3.0}, "drag": {"dqx": 5.0}}
 
 
-def series(before: float, after: float):
-    """An innovation of ± that size, first before the split, then after it."""
-    signs = np.where(np.arange(2 * N).reshape(N, 2) % 2, 1.0, -1.0)
-    return np.where(np.arange(N)[:, None] < SPLIT, before, after) * signs
-
-
-def test_the_residual_is_in_multiples_of_the_lower_floor():
-    before = claims.Fit((6.0, 2.0), (2.0, 1.0), np.sqrt((9.0 + 4.0) / 2.0), 0.25, simulation_rmse=7.0)
-    after = claims.Fit((3.0, 2.0), (1.0, 2.0), np.sqrt((9.0 + 1.0) / 2.0), 0.5)
-    errors = claims.residual_of(before, after, 10.0)
-    assert errors.before == pytest.approx(np.sqrt((36.0 + 4.0) / 2.0))
-    assert errors.after == pytest.approx(np.sqrt((9.0 + 4.0) / 2.0))
-    assert errors.floor == 1.0
-    was, left = claims.on_one_floor(before, after)
-    assert (was.ratio, left.ratio) == (errors.before, errors.after)
-    assert was.noise_floor == left.noise_floor == (1.0, 1.0)
-    assert (was.innovation_rms, was.whiteness_p, was.simulation_rmse) == ((6.0, 2.0), 0.25, 7.0)
-    assert (left.innovation_rms, left.whiteness_p) == ((3.0, 2.0), 0.5)
-
-
-def test_an_innovation_that_fell_is_told_so_where_the_floor_fell_with_it():
-    """A feedthrough of a noisy drive is most of the floor that is seen without it: a stranger's record, in µV."""
-    before = claims.Fit((50.0, 37.24), (50.8, 36.77), 0.9994, 0.5)
-    after = claims.Fit((45.3, 37.23), (45.4, 36.75), 1.0064, 0.5)
-    was, left = claims.on_one_floor(before, after)
-    assert was.ratio > 1.05 > left.ratio > 1.0
-
-
 def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     """No sample of the fitted part is in what is said of the rest, nor the other way round; the start is in neither."""
     asked = problem()
@@ -195,10 +131,8 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     np.testing.assert_array_equal(fitted_sense, asked.record.sense[settled:SPLIT])
     assert (found.fitted.simulation_rmse, found.held_out.simulation_rmse) == (3.0, 4.0)
     assert (held, strides) == ([None], [1])  # coefficients stay as given; so many states are all kept
-    seen = found.innovations
-    assert seen is found.innovations
-    assert (seen.innovation is estimates.innovation, seen.deviation is estimates.innovation_deviation) == (True, True)
-    assert seen.fitted == slice(settled, SPLIT)
+    assert found.estimates is estimates
+    assert found.settled == slice(settled, SPLIT)
 
 
 def test_errors_of_rate_and_angle_are_those_beside_the_reference():
@@ -210,7 +144,7 @@ def test_errors_of_rate_and_angle_are_those_beside_the_reference():
     estimates = SimpleNamespace(
         names=("rate",), index=np.arange(N), angle=read, of=lambda name: np.where(np.arange(N) < SPLIT, 9.0, 0.32)
     )
-    fit = claims.Fit((1.0,), (1.0,), 1.0, 0.5)
+    fit = Fit((1.0,), (1.0,), 1.0, 0.5)
     bare = Record(record.sense, record.drive, record.step)
     unseen = SimpleNamespace(**{**vars(estimates), "names": ("x",)})
     assert examination.scored(fit, bare, estimates, slice(SPLIT, N), 1) is fit

@@ -9,13 +9,13 @@ import pytest
 
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.effects.catalogue import EFFECTS
+from estimator.effects.labels import kind
+from estimator.identification import start_values
 from estimator.identification.candidates import candidates as tried
+from estimator.identification.problem import Effects, Problem
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.trace import candidates
-from estimator.trace.candidates import kind
-from estimator.trace.problem import Effects, Problem
 from tests.estimator.test_own_effects import with_own
 
 RATE, N = 4000.0, 12_000
@@ -135,9 +135,9 @@ def spoken(monkeypatch: pytest.MonkeyPatch, seen: Any, *peaks: tuple[int, float]
         asked.append((omega, [len(one) for one in responses]))
         return seen
 
-    monkeypatch.setattr(candidates, "cross_density", cross_density)
-    monkeypatch.setattr(candidates, "power_density", power_density)
-    monkeypatch.setattr(candidates, "resonance", resonance)
+    monkeypatch.setattr(start_values, "cross_density", cross_density)
+    monkeypatch.setattr(start_values, "power_density", power_density)
+    monkeypatch.setattr(start_values, "resonance", resonance)
     found = watched(record())
     width = 2.0 * np.pi * RATE / length
     for omega, lengths in asked:
@@ -213,7 +213,7 @@ def test_a_mode_is_that_of_the_response_though_the_drive_has_a_peak_of_its_own()
 @pytest.mark.parametrize(("samples", "segment"), [(8 * 5000, 4096), (8 * 1500 + 7, 1500)])
 def test_a_response_is_of_eight_segments_at_least(samples: int, segment: int) -> None:
     long = Record(np.zeros((samples, 1)), np.zeros((samples, 1, 1)), np.ones(samples))
-    assert candidates._segment(long) == segment
+    assert start_values._segment(long) == segment
 
 
 @pytest.mark.parametrize(
@@ -223,7 +223,7 @@ def test_a_response_is_of_eight_segments_at_least(samples: int, segment: int) ->
 def test_a_mode_is_one_between_the_bins_and_not_too_broad_or_narrow(omega: float, zeta: float, *, seen: bool) -> None:
     at = np.linspace(0.7, 1.3, 301) * 1000.0
     response = 2.0 / ((1000.0 * omega) ** 2 - at**2 + 2j * zeta * 1000.0 * omega * at)
-    found = candidates.resonance(at, [response, -0.3 * response])
+    found = start_values.resonance(at, [response, -0.3 * response])
     assert (found is not None) is seen
     if found is not None:
         assert found == pytest.approx((1000.0 * omega, zeta), rel=1e-6)

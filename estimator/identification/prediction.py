@@ -8,14 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from estimator.identification.observed import run
+from estimator.identification.problem import Problem
+from estimator.identification.start import settling
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitting import run
-from estimator.trace.problem import Problem
-from estimator.trace.start import settling
 
 _SET = THRESHOLDS.scoring
 
