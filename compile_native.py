@@ -14,6 +14,7 @@ ROOT = Path(__file__).parent
 CORE = ROOT / "estimator" / "core"
 LIBRARIES = {
     "device_emulator/native/libdevice.so.1": ("device_emulator/native/device.c",),
+    "hil/plugins/native/libplugin.so.1": ("hil/plugins/native/plugin.c",),
     "hil/loop/native/libturn.so.1": ("hil/loop/native/turn.c", "firmware/src/hil_spec.c"),
 }
 """What is built beside the core, from which sources; paths from the root of the project."""

@@ -5,13 +5,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from estimator.carried_angle import CarriedAngle
-from estimator.core.filter import Filter
+from estimator.core.filter import STEP, Filter
 from estimator.core.layout import (
     MAX_EFFECTS,
     MAX_ENTRIES,
@@ -97,9 +97,13 @@ class Observer:
     The last `watched` of the settings' effects are not carried: `estimator.core.following` follows their signatures.
     With `known`, the coefficients of the others are constants that are not estimated.
 
+    HAS_COVARIANCE: whether what it estimates comes with one.
+
     Holds the filter's whole memory; `run` and `tick` advance it.  Raises ModelError for a device or setting that makes
     no observer (no model for the axes, fewer than four samples a cycle, latency beyond the queue).
     """
+
+    HAS_COVARIANCE: ClassVar[bool] = True
 
     def __init__(
         self,
@@ -367,6 +371,11 @@ class Observer:
     def core(self) -> int:
         """Its address, for a caller in C (`estimator_tick`); good as long as this observer lives."""
         return self.filter.address
+
+    @property
+    def step(self) -> int:
+        """Address of the function that a caller in C gives `core` and a sample to."""
+        return STEP
 
     @property
     def carries_angle(self) -> bool:

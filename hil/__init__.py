@@ -39,6 +39,8 @@ if TYPE_CHECKING:
         trace,
     )
     from hil.loop.run import Interrupted
+    from hil.plugins.errors import PluginError
+    from hil.plugins.protocol import Controller, DeclaredDevice, Drive, Estimate, Observer
     from hil.records.methods import MethodRow, Methods
     from hil.scoring.diff import Comparison
     from hil.wire.errors import WireError
@@ -49,12 +51,18 @@ __all__ = [
     "Bench",
     "Block",
     "Comparison",
+    "Controller",
+    "DeclaredDevice",
+    "Drive",
+    "Estimate",
     "InputError",
     "Interrupted",
     "Live",
     "MethodRow",
     "Methods",
     "ModelError",
+    "Observer",
+    "PluginError",
     "RateSensorBench",
     "Run",
     "Series",
@@ -84,12 +92,18 @@ _HOMES = {
     "Bench": "hil.bench",
     "Block": "hil.library.live",
     "Comparison": "hil.scoring.diff",
+    "Controller": "hil.plugins.protocol",
+    "DeclaredDevice": "hil.plugins.protocol",
+    "Drive": "hil.plugins.protocol",
+    "Estimate": "hil.plugins.protocol",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
     "Live": "hil.library.live",
     "MethodRow": "hil.records.methods",
     "Methods": "hil.records.methods",
     "ModelError": "estimator.errors",
+    "Observer": "hil.plugins.protocol",
+    "PluginError": "hil.plugins.errors",
     "RateSensorBench": "hil.bench",
     "Run": "hil.library.finished_run",
     "Series": "hil.library.series",

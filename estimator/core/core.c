@@ -62,6 +62,38 @@ EXPORTED void estimator_tick(void *estimator, double vx, double vy, double ux, d
     estimator_step(estimator, vx, vy, ux, uy, codes);
 }
 
+/* The parts of it, for a caller in C that has another observer or controller in the place of one: the observer alone; the
+   sample's time and drive noted, with x (total,), scaled, the estimate of another observer, or NULL; the controller
+   alone; what another controller commands, with the virtual rotation in it, scaled. */
+EXPORTED void estimator_observe(void *estimator, double vx, double vy, double ux, double uy)
+{
+    take_sample(estimator, vx, vy, ux, uy);
+}
+
+EXPORTED void estimator_follow(void *estimator, double ux, double uy, const double *x)
+{
+    const Arrays *arrays = &((Estimator *)estimator)->arrays;
+    const real u[2] = {ux * arrays->settings->quantum, uy * arrays->settings->quantum};
+    advance_queue(arrays->settings, arrays->memory, u);
+    arrays->memory->time += arrays->settings->h;
+    if (x != NULL)
+        memcpy(arrays->x, x, (size_t)arrays->total * sizeof *x);
+}
+
+EXPORTED void estimator_control(void *estimator, double codes[2])
+{
+    controller_step(estimator, codes);
+}
+
+EXPORTED void estimator_commanded(void *estimator, const double codes[2], double virtual_rate)
+{
+    const Arrays *arrays = &((Estimator *)estimator)->arrays;
+    real *queued = arrays->memory->queue[arrays->settings->latency];
+    queued[0] = codes[0] * arrays->settings->quantum;
+    queued[1] = codes[1] * arrays->settings->quantum;
+    queued[2] = virtual_rate;
+}
+
 /* The same by what stands in the estimator: one argument costs a caller in Python least. */
 EXPORTED void gyro_tick(Estimator *estimator)
 {

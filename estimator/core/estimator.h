@@ -171,15 +171,20 @@ static inline void controller_step(Estimator *estimator, double *codes)
     command(arrays->settings, arrays->memory, arrays->x, workspace_of(estimator), codes);
 }
 
-/* One sample of the closed loop: sense codes (NaN: lost) and echoed drive codes -> codes (2,) to send, the newest row
-   filled. */
-static inline void estimator_step(Estimator *estimator, double vx, double vy, double ux, double uy, double *codes)
+/* A sample of the closed loop taken in: sense codes (NaN: lost) and echoed drive codes; the newest row filled. */
+static inline void take_sample(Estimator *estimator, double vx, double vy, double ux, double uy)
 {
     const Settings *settings = estimator->arrays.settings;
     real u[2] = {(real)ux * settings->quantum, (real)uy * settings->quantum};
     real z[2] = {(real)vx * settings->sense_scale[0], (real)vy * settings->sense_scale[1]};
     advance_queue(settings, estimator->arrays.memory, u);
     observer_step(estimator, z, u);
+}
+
+/* One sample of the closed loop: the same, and codes (2,) to send. */
+static inline void estimator_step(Estimator *estimator, double vx, double vy, double ux, double uy, double *codes)
+{
+    take_sample(estimator, vx, vy, ux, uy);
     controller_step(estimator, codes);
 }
 

@@ -24,6 +24,8 @@ _ARRAYS = Arguments(
 _BLOCK = Arguments(("n", "terms", "every"), ("z", "u", "h", "temperature", "truth", "rows", "states", "deviations"))
 _GATHERING = Arguments(("settle", "samples"), ("total", "weight"), ("rotation", "h"))
 _KINDS = {"settings": SETTINGS, "memory": MEMORY, "rows": OUTPUT, "active": np.dtype(np.int64)}
+STEP = ctypes.cast(LIBRARY.estimator_tick, ctypes.c_void_p).value or 0
+"""Address of the function by which a caller in C has a filter take a sample and answer it."""
 _write, _read = struct.Struct("4d").pack_into, struct.Struct("2d").unpack_from
 
 

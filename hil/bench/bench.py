@@ -160,6 +160,7 @@ def load_any_bench(path: Path) -> Bench | RateSensorBench:
     """The bench file at ``path``, of an oscillator or (axes = 0) of a rate-output sensor; errors as of `load_bench`."""
     table = read_table(path)
     _tell_of_names_before(table, path)
+    _find_plugins_beside(table, path)
     device = table.get("device")
     if isinstance(device, dict) and device.get("axes") == 0:
         return parse_table(table, RateSensorBench, str(path))
@@ -172,6 +173,20 @@ def _tell_of_names_before(table: Mapping[str, Any], path: Path) -> None:
     if isinstance(observer, Mapping) and observer.get("backend") == BACKEND_BEFORE:
         line = f'{path}: [observer] backend: "{BACKEND_BEFORE}" is called "c" today, the default; take the key out'
         warnings.warn(line, FutureWarning, stacklevel=3)
+
+
+def _find_plugins_beside(table: Mapping[str, Any], path: Path) -> None:
+    """Plug-ins that lie beside the bench file, by their whole path: a run keeps the bench file in another folder."""
+    for name in ("observer", "controller"):
+        section = table.get(name)
+        given = section.get("plugin") if isinstance(section, dict) else None
+        if not isinstance(section, dict) or not isinstance(given, str) or not given:
+            continue
+        file, colon, attribute = given.rpartition(":") if ".py:" in given else (given, "", "")
+        for place in (path.parent / file, Path(file)):
+            if place.is_file():
+                section["plugin"] = f"{place.resolve()}{colon}{attribute}"
+                break
 
 
 def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str) -> Bench:

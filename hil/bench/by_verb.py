@@ -16,7 +16,8 @@ Verb = Literal["run", "replay", "trace", "compare"]
 _BOARD = ("link.url", "link.watchdog_s", "link.timeout_s", "loop.clock", "loop.seed", "loop.filter", "loop.block")
 _STEPS = ("controller.stiffness_step", "controller.stiffness_step_Hz")
 _LAW = ("energy_gain", "quadrature_gain", "amplitude_modulation", "modulation_Hz")
-_CONTROL = (*_STEPS, *(f"controller.{key}" for key in _LAW))
+_PLUGIN = "controller.plugin"
+_CONTROL = (*_STEPS, _PLUGIN, *(f"controller.{key}" for key in _LAW))
 _GUARDS = tuple(f"limits.{key}" for key in ("overtime", "rearm", "standstill_s"))
 _MACHINE = ("limits.late_fraction", "limits.lost_fraction")
 _JUDGED = tuple(f"limits.{key}" for key in ("angle_rad", "energy_error", "quadrature", "invalid_fraction"))
@@ -47,12 +48,13 @@ NOT_OF: dict[Verb, dict[str, str]] = {
         **dict.fromkeys(("loop.estimate_every", "loop.covariance_every"), "every sample counts"),
         **dict.fromkeys(_CALIBRATION, "of the angle's uncertainty"),
         "device.normalised": "a trace tells effects, per unit mass",
+        "observer.plugin": "a trace fits the bench's own model",
     },
     "compare": {
         **dict.fromkeys(
             ("link.url", "loop.filter", "loop.block"), "the board is given as --link, and runs in force mode"
         ),
-        **dict.fromkeys(_STEPS, _DRIVEN),
+        **dict.fromkeys((*_STEPS, _PLUGIN), _DRIVEN),
         **dict.fromkeys(_GUARDS, _STOPPED),
         **dict.fromkeys((*_MACHINE, *_JUDGED, "limits.innovation_ratio"), _VERDICT),
         "loop.covariance_every": "no covariance is kept",

@@ -4,7 +4,7 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
-from hil.bench.section import Fraction, NotNegative, Positive, Section
+from hil.bench.section import Fraction, NotNegative, Plugin, Positive, Section
 from hil.records.run_name import RUN_NAME, checked_name
 
 RunName = Annotated[str, AfterValidator(checked_name), Field(json_schema_extra={"pattern": RUN_NAME})]
@@ -95,6 +95,9 @@ class Controller(Section):
 
     enabled: bool = True
     """false: the drive stays at zero; of a record: something else drove it, and what it recorded of that counts"""
+    plugin: Plugin = None
+    """a controller of one's own in the place of the bench's, given as in [observer] plugin; named in both places, one
+    instance is both"""
     target_stiffness_N_per_m: Positive | None = None
     """stiffness of the controlled oscillator; without it the mean of kxx and kyy"""
     energy_gain: NotNegative = 0.02

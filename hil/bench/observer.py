@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 from pydantic import field_validator
 
-from hil.bench.section import NotNegative, Numbers, Positive, Section
+from hil.bench.section import NotNegative, Numbers, Plugin, Positive, Section
 
 BACKEND_BEFORE = "numba"
 """How files of before call the backend that is compiled."""
@@ -76,6 +76,9 @@ class Observer(Section):
     """time before the control law is switched on"""
     backend: Literal["c", "numpy", "filterpy"] = "c"
     """c: compiled; numpy, filterpy: slow oracles of the same model"""
+    plugin: Plugin = None
+    """an observer of one's own in the place of the bench's: FILE.py:CLASS, FILE.so, or the name that an installed
+    package brings; a file is looked for beside the bench file, then from here"""
     initial_sd: InitialSd = InitialSd()
     """table [observer.initial_sd]"""
     initial: Initial = Initial()

@@ -18,6 +18,7 @@ from hil.bench.field_units import in_model_units, other_key
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
+Plugin = Annotated[str, Field(min_length=1, max_length=1000)] | None
 Fraction = Annotated[float, Field(gt=0, le=1)]
 
 

@@ -15,6 +15,7 @@ from hil.codegen.sizes import Sizes, sizes
 from hil.codegen.written import INTERFACE, decimal, files_of, filled
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
+from hil.plugins.native import HEADER
 from hil.records.atomic import write_text
 from hil.wire.messages import Identity
 
@@ -70,8 +71,9 @@ def generate(
     }
     texts = files_of(made(), facts, place, float32=float32)
     texts["golden.h"] = _golden_text(golden(made(), _SAMPLES, _QUIET), *_TOLERANCES[float32])
-    for name in ("test_golden.c", "Makefile"):
+    for name in ("test_golden.c", "Makefile", "gyro_plugin.c"):
         texts[name] = filled(name, {})
+    texts[HEADER.name] = HEADER.read_text("ascii")
     folder.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_text(folder / name, text)

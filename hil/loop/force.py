@@ -12,6 +12,7 @@ from hil.loop.hindsight import Hindsight
 from hil.loop.native import Mode
 from hil.loop.skeleton import Setup
 from hil.loop.turns import TurnLoop
+from hil.plugins.plugged import Plugged
 from hil.wire.messages import DriveForce, Message
 from hil.wire.sense import SenseRow
 
@@ -24,7 +25,8 @@ class ForceLoop(TurnLoop):
 
     def __init__(self, setup: Setup) -> None:
         super().__init__(setup)
-        self._hindsight = Hindsight(setup.observer)
+        # A plug-in cannot be tried with two drives, one beside the other.
+        self._hindsight = None if isinstance(setup.observer, Plugged) else Hindsight(setup.observer)
         self._shown = Echo(setup.identity.latency_ticks, int(setup.registers.get("DRIVE_LIMIT", self._drive_limit)))
 
     def _bind(self) -> None:
@@ -41,16 +43,21 @@ class ForceLoop(TurnLoop):
         )
 
     def _may_look_after(self) -> int:
-        return 1 if self._hindsight.undecided else super()._may_look_after()
+        return 1 if self._is_undecided else super()._may_look_after()
+
+    @property
+    def _is_undecided(self) -> bool:
+        return self._hindsight is not None and self._hindsight.undecided
 
     def _saw(self, rows: list[SenseRow]) -> None:
-        for row in rows if self._hindsight.undecided else ():
+        for row in rows if self._is_undecided else ():
+            assert self._hindsight is not None
             self._hindsight.saw(row)
         super()._saw(rows)
 
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         """With the drive the board was last told to apply; of a single interval the samples that follow decide."""
-        if missing == 1:
+        if missing == 1 and self._hindsight is not None:
             self._hindsight.gap(*self._state.shown)
         for _ in range(missing):
             ux, uy = self._observer.expected_drive()
@@ -59,7 +66,8 @@ class ForceLoop(TurnLoop):
         return missing == 1 or [round(code) for code in self._observer.expected_drive()] == list(drive)
 
     def _forget(self) -> None:
-        self._hindsight.forget()
+        if self._hindsight is not None:
+            self._hindsight.forget()
 
     def _begin_again(self) -> None:
         self._shown.forget()

@@ -121,9 +121,17 @@ def supervise(
         code = worker.returncode
         how = f"was killed by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
         fault = f"the loop failed, {followed.fault}"
-        ended.outcome["stopped"] = fault if followed.fault else f"the loop's process {how}"
+        ended.outcome["stopped"] = followed.died or (fault if followed.fault else f"the loop's process {how}")
+        if not followed.died and (named := plugins_named(bench)):
+            ended.outcome["stopped"] += f", with {named} in it"
     ended.outcome.setdefault("safety", followed.safety if followed.safety is not None else Safety().told)
     return ended
+
+
+def plugins_named(bench: Bench) -> str:
+    """The plug-ins of a bench, in words; "" where it has none."""
+    named = {"observer": bench.observer.plugin, "controller": bench.controller.plugin}
+    return " and ".join(f"[{kind}] plugin {name.rpartition('/')[2]}" for kind, name in named.items() if name)
 
 
 def as_raised(kinds: list[str], message: str) -> Exception:
@@ -148,6 +156,7 @@ class _Followed:
         self.interrupted = 0
         self.outcome: dict[str, Any] = {}
         self.fault = ""
+        self.died = ""  # a plug-in, and the process with it
         self.error: tuple[list[str], str] | None = None
         self.safety: dict[str, Any] | None = None
 
@@ -195,6 +204,8 @@ class _Followed:
                 self.error = said["error"], said["message"]
             elif "fault" in said:
                 self.fault = said["fault"]
+            elif "died" in said:
+                self.died = said["died"]
             elif "armed" in said:
                 self._armed = said["board"]
             elif "safety" in said:

@@ -12,6 +12,7 @@ from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.inputs.formula import formula_of
 from hil.loop.angle import ReportedAngle
+from hil.plugins.plugged import Plugged
 from hil.records.board_estimates import board_estimates_layout
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
@@ -91,6 +92,12 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
     own = bench.device.sense.unit
     units = {"drive_gain_x": "1", "phi_x_V": own, "phi_y_V": own, **observer.coefficient_units}
     estimated = [column_of(name) for name in observer.estimated]
+    covariance = covariance_layout(
+        estimated,
+        [units.get(name, unit_of(name)) for name in estimated],
+        tick_rate_Hz=rate,
+        every=bench.loop.covariance_stride(rate),
+    )
     return {
         "estimates": estimates_layout(
             [column_of(name) for name in observer.names],
@@ -106,14 +113,10 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
                 "angle": formula_of(bench).kind,
                 "angle_zero_after_s": bench.loop.settle_s,
                 "settings": _plain(asdict(observer.settings)),
+                **({"plugins": observer.origin} if isinstance(observer, Plugged) else {}),
             },
         ),
-        "covariance": covariance_layout(
-            estimated,
-            [units.get(name, unit_of(name)) for name in estimated],
-            tick_rate_Hz=rate,
-            every=bench.loop.covariance_stride(rate),
-        ),
+        **({"covariance": covariance} if observer.HAS_COVARIANCE else {}),
         "innovation": innovation_layout(tick_rate_Hz=rate, axes=observer.device.axes, sense_unit=own),
     }
 

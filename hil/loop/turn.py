@@ -40,6 +40,7 @@ from hil.loop.native import (
     payload_sizes,
 )
 from hil.loop.rows import row_of, rows_of
+from hil.plugins.plugged import Plugged
 from hil.records.layout import Layout
 from hil.records.recorder import Track
 from hil.records.ring import Ring
@@ -61,9 +62,10 @@ def address_of(function: Any) -> int | None:
     return ctypes.cast(function, ctypes.c_void_p).value
 
 
-_TICK, _SAMPLES = address_of(CORE.estimator_tick), address_of(CORE.estimator_samples)
+_SAMPLES = address_of(CORE.estimator_samples)
 _STAGED = 256  # rows that wait for a track that is no ring
 _ESTIMATES, _COVARIANCES = 1024 + MOST_ROWS, 64  # a block may have one for each of its rows
+_ESTIMATES_OF_PLUGIN = 128  # which may end this process: what it has not handed on is lost then
 _RECEIVER = ("lost", "repeated", "undecodable", "passed_over", "tick", "run", "run_next")
 _DECODER = ("bytes", "frames", "cobs_errors", "short", "crc_errors", "oversize", "dropped_bytes", "skipping")
 
@@ -162,6 +164,8 @@ class Turn:
             raised, self._raised = self._raised, None
             self._state.failed = 0
             raise raised
+        if self._state.failed and isinstance(self._observer, Plugged):
+            raise self._observer.failure()
         return found
 
     @property
@@ -192,6 +196,9 @@ class Turn:
         state.covariance = actual.ctypes.data
         state.queue = arrays.memory["queue"].ctypes.data
         state.states, state.estimated, state.outputs = len(observer.x), len(observer.estimated), self._outputs
+        if isinstance(observer, Plugged):
+            observer.tell_failure_to(ctypes.addressof(state) + TurnState.failed.offset)
+            state.estimate_room = _ESTIMATES_OF_PLUGIN
         types = (ctypes.c_uint8 * len(self._endpoint.tx.types)).from_buffer(self._endpoint.tx.types)
         state.types = ctypes.addressof(types)
         for at, staged in self._staged.items():
@@ -229,7 +236,7 @@ class Turn:
         # While the angle is carried on, a tick has more to do than the core; one that was put in its place is asked.
         alone = not self._observer.carries_angle and not {"tick", "observe"} & vars(self._observer).keys()
         if self._blocks is None:
-            state.step = _TICK if alone else address_of(self._own)
+            state.step = self._observer.step if alone else address_of(self._own)
         else:
             self._blocks.observe = _SAMPLES if alone else address_of(self._own)
         state.context = self._observer.core

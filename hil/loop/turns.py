@@ -45,9 +45,9 @@ class TurnLoop(Loop):
         state.slice_ns = round(1e9 * self._slice_s)
         state.suspicious_ns, state.at_once_ns = self._suspicious_ns, self._at_once_ns
         state.estimate_every = bench.loop.estimate_every
-        state.covariance_every = bench.loop.covariance_stride(rate)
+        state.covariance_every = bench.loop.covariance_stride(rate) if self._observer.HAS_COVARIANCE else ALWAYS
         for axis in range(2):
-            volts = self._observer.scaling.sense(axis)
+            volts = self._observer.volts[axis]
             state.volts[axis] = volts
             state.noise[axis] = bench.device.sense.noise_V / abs(volts)
 

@@ -103,13 +103,30 @@ def work(order: Order, tell: Say = tell, *, own_process: bool = True) -> dict[st
 
         require_undone(bench)
         require_suitable(bench, identity, order.link)
+        tried = _try_plugins(bench, identity, tell, own_process=own_process)
         registers = configure(endpoint, identity, bench)
         if bench.loop.clock != "lockstep":
             require_clock(endpoint)
         if order.dry_run:
-            return {"identity": identity._asdict()}
+            return {"identity": identity._asdict(), "plugins": tried}
         happened = _loop(order, bench, endpoint, identity, registers, tell, own_process=own_process)
-        return {"identity": identity._asdict(), **happened}
+        return {"identity": identity._asdict(), "plugins": tried, **happened}
+
+
+def _try_plugins(bench: Bench, identity: Identity, tell: Say, *, own_process: bool) -> list[str]:
+    """Run the plug-ins of the bench, where it has any, on the declared device: remarks on them.
+
+    Raises InputError or PluginError. From here on one that does not come back ends this process, which says why.
+    """
+    if bench.observer.plugin is None and bench.controller.plugin is None:
+        return []
+    from hil.plugins.trial import tried
+    from hil.plugins.watching import watch
+
+    tell(stage="prepare", done=0, total=0, note="the plug-ins are tried")
+    if own_process:
+        watch(bench, bench.link.timeout_s)
+    return tried(bench, identity)
 
 
 def _loop(
@@ -137,11 +154,15 @@ def _loop(
     def make_observer() -> Observer:
         return Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
 
-    observer = make_observer()
+    observer, plugged = make_observer(), False
+    if bench.observer.plugin is not None or bench.controller.plugin is not None:
+        from hil.plugins.of_bench import loop_observer
+
+        observer, plugged = loop_observer(bench, identity), True
     layouts = run_layouts(observer, bench, identity)
     folder = Path(order.folder)
     control = None if order.control is None else Control(order.control)
-    if lockstep and control is None:
+    if lockstep and control is None and not (plugged and own_process):  # whose record is to outlive this process
         recording = record_here(folder, layouts)
     else:
         recording = record_apart(

@@ -16,9 +16,19 @@ from hil.methods import prior_art
 from hil.methods.board import board_course
 from hil.methods.bound import bound_of
 from hil.methods.course import Course, Judge, Reference, reference_of
-from hil.methods.observers import GAINS, STATES, course_of, name_of, rotation_name, with_observer, without_effects
+from hil.methods.observers import (
+    GAINS,
+    STATES,
+    course_of,
+    name_of,
+    plugin_name,
+    rotation_name,
+    with_observer,
+    without_effects,
+)
 from hil.methods.own_loop import ADAPTIVE, own_runs, require_emulated
 from hil.methods.record import Given, given
+from hil.plugins.errors import PluginError
 from hil.progress import Progress, Watcher
 from hil.records.atomic import require_place
 from hil.records.capture import Capture
@@ -82,7 +92,9 @@ def compare(
     if report:
         progress(Progress("report", 0, 0))
         write_report(folder, found, lines, capture)
-    return Compared(folder, found, name_of(bench.observer.variant, bench.observer.gain))
+    plugin = bench.observer.plugin
+    named = name_of(bench.observer.variant, bench.observer.gain) if plugin is None else plugin_name(plugin)
+    return Compared(folder, found, named)
 
 
 def methods_on(
@@ -158,7 +170,7 @@ class _Rows:
         try:
             course, reference = method()
             self.done.append(self._judge.row(course, reference))
-        except (ModelError, InputError) as error:
+        except (ModelError, InputError, PluginError) as error:
             self.failed.append(str(error) if str(error).startswith(name) else f"{name}: {error}")
             return
         if reference is not None:
@@ -176,6 +188,9 @@ def _on_record(
     """All methods that read the record."""
     bench = subject.bench
     found: list[tuple[str, Callable[[], Course]]] = []
+    if bench.observer.plugin is not None:
+        name = plugin_name(bench.observer.plugin)
+        found.append((name, partial(course_of, subject, bench, name)))
     for variant in STATES:
         for gain in GAINS:
             changed, name = with_observer(bench, variant, gain), name_of(variant, gain)

@@ -17,6 +17,7 @@ from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.loop.angle import ReportedAngle
 from hil.methods.course import DAMPING, STIFFNESS, Course
 from hil.methods.record import Given
+from hil.plugins.of_bench import recorded_observer
 from hil.records.methods import MethodKind
 
 STATES = {"sense": 7, "gyro": 11, "full": 13}
@@ -47,8 +48,14 @@ def name_of(variant: str, gain: str) -> str:
 
 
 def with_observer(bench: Bench, variant: str, gain: str) -> Bench:
-    """The bench with another of its observers."""
-    return override(bench, {"observer": {"variant": variant, "gain": gain}}, bench.device.name or "bench")
+    """The bench with another of its own observers."""
+    chosen = {"variant": variant, "gain": gain, "plugin": None}
+    return override(bench, {"observer": chosen}, bench.device.name or "bench")
+
+
+def plugin_name(plugin: str) -> str:
+    """What the row of an observer plug-in is called."""
+    return f"plug-in {plugin.rpartition('/')[2]}"
 
 
 def rotation_name() -> str:
@@ -68,7 +75,8 @@ def course_of(
     ModelError where there is no such observer.
     """
     device, settings = recorded_device_of(bench, given.captured), observer_settings_of(bench)
-    observer = Observer(device, settings, given.control)
+    plugin = bench.observer.plugin is not None
+    observer = recorded_observer(bench, given.captured) if plugin else Observer(device, settings, given.control)
     beside = Rotation(observer) if rotation else None
     begun = time.process_time()
     seen = observed(given, observer, bench, beside)

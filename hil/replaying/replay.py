@@ -44,12 +44,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     record = read_capture(capture)
     require_fit(record, bench, capture)
     try:
-        observer = make_observer(
-            backend or bench.observer.backend,
-            recorded_device_of(bench, record),
-            observer_settings_of(bench),
-            control_of(bench, record),
-        )
+        observer = _observer(backend or bench.observer.backend, bench, record)
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     changes = read_changes(capture.parent)
@@ -68,6 +63,17 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     old = () if record.sealed else ("the record is from before there were checksums: a changed bit would not show",)
     conclude(folder, bench, {"stopped": stopped, "refused": old}, link=None, note=None, progress=progress)
     return RunResult(folder, {})
+
+
+def _observer(backend: Backend, bench: Bench, record: Capture) -> Observer:
+    """The one that the bench file asks for. Of a plug-in's controller a record needs nothing: it has been driven."""
+    if bench.observer.plugin is None:
+        return make_observer(
+            backend, recorded_device_of(bench, record), observer_settings_of(bench), control_of(bench, record)
+        )
+    from hil.plugins.of_bench import recorded_observer
+
+    return recorded_observer(bench, record)
 
 
 def require_fit(record: Capture, bench: Bench, place: Path) -> None:
@@ -124,7 +130,7 @@ def _estimate(
             recording["innovation"].push(innovation_rows(layouts["innovation"], tick, estimates))
             recording["estimates"].push(estimate_rows(layouts["estimates"], tick, estimates, reported))
             done += len(tick)
-            if done % stride == 0:
+            if done % stride == 0 and observer.HAS_COVARIANCE:
                 put_covariance(recording["covariance"], int(tick[-1]), observer.covariance)
             progress(Progress("replay", done, total))
 

@@ -6,6 +6,7 @@ difference at the first scored instant, since neither φ nor ∫Ω has a natural
 """
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,7 +72,9 @@ def score(run: Path, truth_file: Path) -> Result:
         )
     covariance = folder.covariance
     honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.scored_from_s)
-    figures = found.figures().model_copy(update={"nees": honesty})
+    figures = found.figures()
+    told = _with_deviation(figures.coverage, folder.estimates)
+    figures = figures.model_copy(update={"nees": honesty, "coverage": told})
     if not _reaches(truth, folder.estimates):
         figures = figures.model_copy(update={"angle_error_end_rad": None})
     mass_kg = reporting_mass_kg(folder)
@@ -98,7 +101,7 @@ def _scored_board(folder: RunFolder, truth: Truth) -> OnBoard | None:
     if found is None or board is None or (beside := compare(board, truth, folder.scored_from_s)) is None:
         return found
     figures = beside.figures()
-    told = {name: share for name, share in figures.coverage.items() if board.sd(name).any()}
+    told = _with_deviation(figures.coverage, board)
     return found.model_copy(
         update={
             "angle_error_rms_rad": beside.angle.rms,
@@ -106,6 +109,11 @@ def _scored_board(folder: RunFolder, truth: Truth) -> OnBoard | None:
             "score": figures.model_copy(update={"coverage": told}),
         }
     )
+
+
+def _with_deviation(coverage: Mapping[str, float], estimates: Estimates) -> dict[str, float]:
+    """The coverage of what deviations are told of."""
+    return {name: share for name, share in coverage.items() if np.nan_to_num(estimates.sd(name)).any()}
 
 
 def truth_in(file: Path) -> Truth:

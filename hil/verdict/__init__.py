@@ -65,7 +65,7 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     # What concerns the board's safety comes before everything else.
     at = int(parts["safety"].against)
     reasons = told[:at] + ([stopped] if stopped and not any(stopped in line for line in told) else []) + told[at:]
-    unknown = tuple(outcome.get("unknown", ()))
+    unknown = (*outcome.get("unknown", ()), *outcome.get("plugins", ()))
     remarks = (*stops_survived(outcome), *refused, *unknown, *mishaps(result, outcome.get("counters", {})))
     verdict = _verdict(parts, ended_early)
     holds = None if late is None else held(late, bench, own_setting(bench, min(latency_ticks, 1)))

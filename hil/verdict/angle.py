@@ -5,6 +5,7 @@ import numpy as np
 from hil.bench import Bench
 from hil.inputs.formula import formula_of
 from hil.numbers import percent, quantity
+from hil.records.estimates import Estimates
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
 from hil.verdict.budget import largest_source
@@ -16,6 +17,7 @@ _OPEN_LOOP = (
 )
 _BEYOND = 2.0
 """Expanded uncertainties, four standard ones: an honest angle is off by more in one run of 16 000."""
+_UNTOLD = "the observer tells no uncertainty of its angle (angle_u): hil score with a truth tells what it is worth"
 _FROM_ELSEWHERE = "no angle is reported: an imported record without control is judged by its model"
 
 
@@ -67,6 +69,8 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
             f"largest source: {largest_source(largest)}"
         )
         after = remedy(largest, bench).text
+    if not reasons and expanded is None and _untold(scored):
+        return _by_truth(error, limits.angle_rad)
     if not reasons and expanded is None:
         return Part(outcome="failed", reason="the angle's uncertainty is not finite: the observer diverged")
     part = Part.of(reasons)
@@ -74,6 +78,26 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         assert expanded is not None
         return part.model_copy(update={"reason": f"uncertain by {_angle(expanded)} (k = 2) at the end"})
     return part.model_copy(update={"next": after})
+
+
+def _untold(scored: Estimates) -> bool:
+    """Whether the observer is one that tells no uncertainty of its angle, which it has."""
+    if "observer" not in scored.header.get("plugins", {}):
+        return False
+    return all(
+        bool(np.isfinite(piece["angle_rad"]).all() and np.isnan(piece["angle_sd_rad"]).all())
+        for piece in scored.pieces()
+    )
+
+
+def _by_truth(error_rad: float | None, limit_rad: float) -> Part:
+    """What an angle without an uncertainty is worth: nobody knows, unless the truth was told."""
+    if error_rad is None:
+        return Part(outcome="unknown", reason=_UNTOLD)
+    told = f"off by {_angle(error_rad)} at the end, by the truth; the observer tells no uncertainty of it"
+    if error_rad > limit_rad:
+        return Part.of([f"the angle is {told}, [limits] angle_rad is {limit_rad:g}"])
+    return Part.of([]).model_copy(update={"reason": told})
 
 
 def _angle(size_rad: float) -> str:

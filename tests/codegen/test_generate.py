@@ -128,6 +128,7 @@ def test_the_command_writes_the_folder_and_keeps_one_that_exists(tmp_path: Path)
     assert subprocess.run(command, capture_output=True, text=True, check=False).returncode == 0
     assert {path.name for path in out.iterdir()} == {
         "gyro_estimator.h", "gyro_estimator.c", "golden.h", "test_golden.c", "Makefile", "README.txt",
+        "gyro_plugin.c", "gyro_plugin.h",
     }  # fmt: skip
     again = subprocess.run(command, capture_output=True, text=True, check=False)
     assert again.returncode == 2

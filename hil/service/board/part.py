@@ -229,12 +229,15 @@ class BoardPart:
 
 def _parsed(text: str) -> Bench:
     from hil.errors.strict_toml import parse_table, table_of
+    from hil.plugins.finding import require_no_files
 
     try:
         table = table_of(text.encode("utf-8", "surrogatepass"), "bench_toml")
     except InputError as error:
         raise Problem(422, str(error)) from None
-    return parse_table(table, Bench, "bench_toml")
+    bench = parse_table(table, Bench, "bench_toml")
+    require_no_files(bench, "bench_toml")
+    return bench
 
 
 def _ms(begin: float) -> float:

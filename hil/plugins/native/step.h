@@ -1,0 +1,189 @@
+/* A sample through a plug-in: called, timed, its memory looked at, and what it says checked before it is used. */
+
+#ifndef PLUGIN_STEP_H
+#define PLUGIN_STEP_H
+
+#include "derived.h"
+#include "watch.h"
+
+#define LOOK_AT_MEMORY 256 /* calls */
+
+static bool wrong(plugin_t *plugin, int64_t part, int64_t fault, int64_t entry, double value)
+{
+    plugin->part = part;
+    plugin->fault = fault;
+    plugin->entry = entry;
+    plugin->value = value;
+    if (plugin->failed != NULL)
+        *plugin->failed = 1;
+    return false;
+}
+
+static void enter(plugin_t *plugin, int64_t part)
+{
+    part_inside = part;
+    entered_ns = now_ns();
+    inside = plugin;
+}
+
+/* Whether it came back as it should. */
+static bool came_back(plugin_t *plugin, int64_t part)
+{
+    inside = NULL;
+    int64_t taken_ns = now_ns() - entered_ns;
+    if (taken_ns > plugin->longest_ns)
+        plugin->longest_ns = taken_ns;
+    if (plugin->raised)
+        return wrong(plugin, part, FAULT_RAISED, 0, 0.0);
+    for (int i = 0; i < 5; i++)
+        if (!is_whole(&plugin->lent[i]))
+            return wrong(plugin, part, FAULT_OVERRUN, i, 0.0);
+    if (taken_ns > plugin->limit_ns)
+        return wrong(plugin, part, FAULT_LATE, 0, 1e-9 * (double)taken_ns);
+    if (plugin->begun_pages > 0 && plugin->number % LOOK_AT_MEMORY == LOOK_AT_MEMORY - 1) {
+        int64_t more = pages_taken() - plugin->begun_pages;
+        if (more > plugin->most_pages)
+            return wrong(plugin, part, FAULT_GROWN, 0, (double)more * (double)sysconf(_SC_PAGESIZE));
+    }
+    return true;
+}
+
+static void blank(const plugin_t *plugin)
+{
+    gyro_plugin_estimate *estimate = plugin->estimate;
+    double *single = &estimate->angle_rad;
+    while (single < estimate->state)
+        *single++ = (double)NAN;
+    for (int64_t i = 0; i < plugin->states; i++)
+        estimate->state[i] = estimate->deviation[i] = (double)NAN;
+}
+
+/* The sample, in volts and m/s2. */
+static void hand_over(plugin_t *plugin, const double sense_V[2], const double applied_mps2[2], const int32_t codes[4])
+{
+    gyro_plugin_sample *sample = plugin->sample;
+    sample->number = plugin->number;
+    sample->lost = isnan(sense_V[0]) || isnan(sense_V[1]);
+    for (int axis = 0; axis < 2; axis++) {
+        sample->sense_V[axis] = sense_V[axis];
+        sample->applied_mps2[axis] = applied_mps2[axis];
+        sample->sense_codes[axis] = codes[axis];
+        sample->applied_codes[axis] = codes[2 + axis];
+    }
+}
+
+/* Whether its estimate can be used; then it stands where the record is made from. */
+static bool is_estimate(plugin_t *plugin)
+{
+    static const int64_t needed[] = {GYRO_PLUGIN_X, GYRO_PLUGIN_VX, GYRO_PLUGIN_Y, GYRO_PLUGIN_VY, GYRO_PLUGIN_RATE};
+    const gyro_plugin_estimate *estimate = plugin->estimate;
+    if (!isfinite(estimate->angle_rad))
+        return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, ENTRY_ANGLE, estimate->angle_rad);
+    if (estimate->angle_u_rad < 0.0 || isinf(estimate->angle_u_rad))
+        return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, ENTRY_ANGLE_U, estimate->angle_u_rad);
+    for (int k = 0; k < 5; k++)
+        if (!isfinite(estimate->state[needed[k]]))
+            return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, needed[k], estimate->state[needed[k]]);
+    for (int64_t i = 0; i < plugin->states; i++) {
+        double value = estimate->state[i], deviation = estimate->deviation[i];
+        if (isinf(value))
+            return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, i, value);
+        if (isinf(deviation))
+            return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, GYRO_PLUGIN_STATES + i, deviation);
+        bool declared = isnan(value) || deviation < 0.0;
+        plugin->state[i] = isnan(value) ? plugin->declared[i] : value;
+        plugin->variance[i * (plugin->states + 1)] = declared ? 0.0 : deviation * deviation;
+    }
+    return true;
+}
+
+/* The bench's own estimate, for a plug-in that controls. */
+static void own_estimate(const plugin_t *plugin)
+{
+    const own_t *own = &plugin->own;
+    const double *row = own->row;
+    gyro_plugin_estimate *estimate = plugin->estimate;
+    for (int64_t i = 0; i < plugin->states; i++) {
+        estimate->state[i] = own->x[i] * own->factors[i];
+        estimate->deviation[i] = -1.0;
+    }
+    for (int64_t i = 0; i < own->estimated; i++) {
+        double variance = own->variance[i * (own->estimated + 1)];
+        int64_t entry = own->entries[i];
+        estimate->deviation[entry] = sqrt(variance) * fabs(own->factors[entry]);
+    }
+    for (int axis = 0; axis < 2; axis++) {
+        estimate->innovation_V[axis] = row[ROW_NU + axis] * own->volts[axis];
+        estimate->innovation_deviation_V[axis] = sqrt(row[ROW_S + axis]) * fabs(own->volts[axis]);
+    }
+    estimate->angle_rad = row[ROW_ANGLE];
+    estimate->angle_u_rad = sqrt(row[ROW_ANGLE_VARIANCE]);
+    estimate->angle_forced_rad = row[ROW_FORCED];
+    estimate->angle_pattern_rad = row[ROW_PATTERN];
+    estimate->angle_plain_rad = row[ROW_PLAIN];
+    estimate->rate_integral_rad = row[ROW_INTEGRAL];
+    estimate->energy_ratio = row[ROW_ENERGY];
+    estimate->quadrature_ratio = row[ROW_QUADRATURE];
+}
+
+/* One sample taken in; false where it went wrong. */
+static bool observed(plugin_t *plugin)
+{
+    if (plugin->number == 0)
+        memset(&plugin->turned, 0, sizeof plugin->turned);
+    blank(plugin);
+    enter(plugin, PART_OBSERVE);
+    plugin->observe(plugin->observer, plugin->sample, plugin->estimate);
+    if (!came_back(plugin, PART_OBSERVE) || !is_estimate(plugin))
+        return false;
+    fill_row(plugin);
+    plugin->number++;
+    return true;
+}
+
+/* The drive codes that it asks for; false where they may not be sent. */
+static bool controlled(plugin_t *plugin, double codes[2])
+{
+    gyro_plugin_drive *drive = plugin->drive;
+    memset(drive, 0, sizeof *drive);
+    enter(plugin, PART_CONTROL);
+    plugin->control(plugin->controller, plugin->estimate, plugin->drive_on == 1, drive);
+    codes[0] = codes[1] = (double)NAN; /* which may not be sent */
+    if (!came_back(plugin, PART_CONTROL))
+        return false;
+    if (!isfinite(drive->virtual_rotation_rad_s))
+        return wrong(plugin, PART_CONTROL, FAULT_NUMBER, ENTRY_VIRTUAL, drive->virtual_rotation_rad_s);
+    double asked[2];
+    for (int axis = 0; axis < 2; axis++) {
+        double force = drive->force_mps2[axis];
+        if (!isfinite(force))
+            return wrong(plugin, PART_CONTROL, FAULT_NUMBER, ENTRY_DRIVE_X + axis, force);
+        asked[axis] = rint(force / plugin->device.drive_scale_mps2);
+        if (fabs(asked[axis]) > (double)plugin->code_limit)
+            return wrong(plugin, PART_CONTROL, FAULT_BEYOND, ENTRY_DRIVE_X + axis, force);
+    }
+    for (int axis = 0; axis < 2; axis++)
+        codes[axis] = plugin->drive_on == 1 ? asked[axis] : 0.0;
+    return true;
+}
+
+/* The drive for the interval `latency` samples on, by whoever controls. */
+static void drive(plugin_t *plugin, double codes[2])
+{
+    const own_t *own = &plugin->own;
+    double x[GYRO_PLUGIN_STATES];
+    if (plugin->observe != NULL) {
+        for (int64_t i = 0; i < plugin->states; i++)
+            x[i] = plugin->state[i] / own->factors[i];
+        own->follow(own->estimator, plugin->sample->applied_codes[0], plugin->sample->applied_codes[1],
+                    plugin->control == NULL ? x : NULL);
+    }
+    if (plugin->control == NULL) {
+        own->control(own->estimator, codes);
+    } else if (controlled(plugin, codes)) {
+        double rotation = plugin->drive_on == 1 ? plugin->drive->virtual_rotation_rad_s : 0.0;
+        own->commanded(own->estimator, codes, rotation * own->per_second);
+    }
+}
+
+#endif

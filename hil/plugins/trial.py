@@ -1,0 +1,57 @@
+"""Plug-ins tried before a board is armed: on the declared device, in its loop, with what they say checked as in a run.
+
+What they do wrong at once is found here, and how many samples a second one in Python holds.
+"""
+
+import time
+
+import numpy as np
+
+from estimator.declared_loop import DeclaredLoop
+from estimator.observer import Observer
+from hil.bench import Bench
+from hil.errors import InputError
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.numbers import quantity
+from hil.plugins.of_bench import loop_observer
+from hil.plugins.plugged import Plugged
+from hil.wire.messages import Identity
+
+_SAMPLES, _QUIET = 600, 100
+_LATE = 99.0  # percentile that has to come in time
+
+
+def tried(bench: Bench, identity: Identity) -> list[str]:
+    """A remark for each plug-in in Python: the rate that it holds.
+
+    Raises InputError where one cannot be used, or is too slow for a board on wall time, PluginError where it fails.
+    """
+    observer = loop_observer(bench, identity)
+    assert isinstance(observer, Plugged)
+    device = DeclaredLoop(
+        Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+    )
+    taken = np.zeros(_SAMPLES)
+    for sample in range(_SAMPLES):
+        sense, applied = device.sample()
+        observer.enable_control(bench.controller.enabled and sample >= _QUIET)
+        begun = time.perf_counter()
+        codes = observer.tick(*map(float, sense), *map(float, applied))
+        taken[sample] = time.perf_counter() - begun
+        device.answer(codes)
+    observer.close()
+    slow = [part for part in observer.parts if part.in_python]
+    if not slow:
+        return []
+    usual, late = (float(value) for value in np.percentile(taken[_QUIET:], [50.0, _LATE]))
+    names = " and ".join(part.called for part in slow)
+    rate = bench.device.sample_rate_Hz
+    if bench.loop.clock != "lockstep" and usual * rate > 1.0:
+        raise InputError(
+            f"{names}: {quantity(usual, 's', 2)} a sample in Python, the board's are {quantity(1 / rate, 's')} apart; "
+            'use [loop] clock = "lockstep", or compile it (hil init --plugin)'
+        )
+    return [
+        f"{names}: in Python, {quantity(usual, 's', 2)} a sample ({quantity(late, 's', 2)} at the {_LATE:g} % mark), "
+        f"which holds about {quantity(1.0 / late, 'Hz', 2)}; the board samples at {quantity(rate, 'Hz')}"
+    ]
