@@ -136,7 +136,7 @@ def _scanned(
     constants = constants_of(declared, tested, device)
     if constants:
         of = replace(of, known=declared)
-        base = beside(of, base, constants)
+        base = beside(of, base, constants, limits.innovation_ratio)
     effects = {name: given for name, given in tested.items() if name not in constants}
     margin = margin_of(len({kind(name) for name in tested}))
     progress("scan", 1, rounds)

@@ -83,21 +83,33 @@ def fitted(of: Stretched, effects: Effects, most: float) -> FittedModel:
     layout = of.layout(effects)
     model = Model(effects, _begun(of.problem, layout, effects), of.declared_noise())
     found = maximise(of, at(of, layout, model))
-    if found.evaluation.sound and found.evaluation.scale <= most**2:
+    if _accounts(found, most):
         return found
     if not found.evaluation.sound:
         found = at(of, layout, fit(of.part(slice(0, of.samples)), effects).model)
     return maximise(of, advanced(of, found))
 
 
-def beside(of: Stretched, base: FittedModel, constants: Collection[str]) -> FittedModel:
-    """The model with these effects more, all of their coefficients near nothing."""
+def beside(of: Stretched, base: FittedModel, constants: Collection[str], most: float) -> FittedModel:
+    """The model with these effects more, all of their coefficients near nothing at first.
+
+    With them it may need no random force in place of what it lacked: that of the base model is for one that leaves more
+    than `most` times the noise without.
+    """
     effects = {**base.layout.effects_of(base.model), **{name: {} for name in constants}}
     layout = of.layout(effects)
     known = dict(zip(zip(base.layout.owner, base.layout.names, strict=True), base.model.theta, strict=True))
     keys = zip(layout.owner, layout.names, layout.mean, strict=True)
     theta = np.array([known.get((owner, name), mean) for owner, name, mean in keys])
+    quiet = maximise(of, at(of, layout, Model(effects, theta, of.declared_noise())))
+    if base.model.noise == of.declared_noise() or _accounts(quiet, most):
+        return quiet
     return maximise(of, at(of, layout, Model(effects, theta, base.model.noise)))
+
+
+def _accounts(found: FittedModel, most: float) -> bool:
+    """Whether a model leaves no more than `most` times the noise, rms."""
+    return found.evaluation.sound and found.evaluation.scale <= most**2
 
 
 def first_of(of: Stretched, seen: Evaluation) -> Evaluation:

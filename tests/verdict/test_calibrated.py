@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from benchmarks.uncertainty import PLANTS, bench_of, scenario_text
+from estimator.completeness.answer import Outcome
+from hil.bench import override
 from hil.loop.closing_scan import scan_run
 from hil.loop.request import RunRequest
 from hil.loop.run import run
@@ -36,3 +38,25 @@ def test_a_device_that_starts_from_rest_at_200_kilosamples_has_its_constants_tol
     assert found.deviation[at] < 0.1 * drawn["hx"]  # which the record does tell
     angle = float(abs(found.sensitivity[-1] @ off))
     assert angle < 4.0 * found.angle_deviation[-1]
+
+
+FAR_OFF = 7154005
+"""An S-modern whose constants, as the bench file has them, leave 3.4 times the noise; turned twice as far as there."""
+
+
+@pytest.mark.slow
+def test_constants_that_were_found_leave_no_more_than_the_noise(tmp_path: Path) -> None:
+    """A filter that follows a wrong model by a random force goes on doing so beside the constants that mend it, unless
+    it is asked to try without."""
+    plant = PLANTS["S-modern"]
+    turned = {"controller": {"virtual_rotation_rad_s": 12.0, "virtual_reversal_s": 0.26}}
+    bench = override(bench_of(plant, FAR_OFF), turned, "S-modern")
+    scenario = tmp_path / "drawn.scenario.toml"
+    scenario.write_text(scenario_text(plant, FAR_OFF, bench), encoding="utf-8")
+    done = run(RunRequest(bench, f"inproc:{scenario}"), tmp_path, progress=lambda _: None)
+    assert done.folder is not None
+    scanned = scan_run(RunFolder.open(done.folder), bench, lambda _: None)
+    assert scanned is not None
+    assert scanned.outcome is Outcome.COMPLETE, scanned.reason
+    assert scanned.information is not None
+    assert scanned.ratio == pytest.approx(1.0, abs=0.02)
