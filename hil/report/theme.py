@@ -50,6 +50,7 @@ _STYLE: Any = {
     "axes.titlesize": 8.5,
     "axes.titlelocation": "left",
     "axes.titlepad": 5,
+    "axes.titley": 1.0,
     "axes.linewidth": 0.6,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -79,9 +80,6 @@ _STYLE: Any = {
     "legend.borderaxespad": 0.2,
     "legend.columnspacing": 1.4,
     "figure.facecolor": "none",
-    "figure.constrained_layout.use": True,
-    "figure.constrained_layout.h_pad": 0.03,
-    "figure.constrained_layout.w_pad": 0.03,
 }
 
 
@@ -98,7 +96,9 @@ def new_figure(height_in: float) -> "Figure":
     """An empty figure of the page's width. No pyplot: nothing global, no window system."""
     from matplotlib.figure import Figure
 
-    return Figure(figsize=(WIDTH_IN, height_in))
+    from hil.report.margins import Margins
+
+    return Figure(figsize=(WIDTH_IN, height_in), layout=Margins())
 
 
 def stacked(height_in: float, ratios: tuple[float, ...]) -> "tuple[Figure, list[Axes]]":
@@ -106,7 +106,6 @@ def stacked(height_in: float, ratios: tuple[float, ...]) -> "tuple[Figure, list[
     figure = new_figure(height_in)
     grid = figure.subplots(len(ratios), 1, sharex=True, squeeze=False, height_ratios=ratios)
     axes: list[Axes] = list(grid[:, 0])
-    figure.align_ylabels(axes)
     axes[-1].set_xlabel("time / s")
     return figure, axes
 

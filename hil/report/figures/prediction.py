@@ -75,7 +75,6 @@ def course(
     word = "predicted" if ahead else "simulated"
     grid[0][0].set_ylabel(f"sensed / {factors[0][1]}")
     grid[1][0].set_ylabel(f"minus {word} / {factors[1][1]}")
-    figure.align_ylabels()
     legend(grid[0][-1])
     sizes = [f"{sensed(float(np.sqrt(np.nanmean(one.values**2))), unit)} rms" for one in left]
     leaves = (

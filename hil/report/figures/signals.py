@@ -45,7 +45,6 @@ def draw(material: Material) -> Drawing | None:
         words.append(f"{name} {' and '.join(significant(float(value)) for value in rms)} {unit} rms")
     for ax in grid[-1]:
         ax.set_xlabel("time / s")
-    figure.align_ylabels()
     span_time(list(grid.ravel()), span)
     caption = f"Envelopes of every sample: {'; '.join(words)}."
     return Drawing(figure, "Signals", caption, f"Envelopes over time. {caption}")
