@@ -23,6 +23,8 @@ PRIOR = 4.5
 """Deviations of its prior that a constant may be off: a bench file is not right to the letter."""
 OF_THE_REST = ("noise floor", "disturbance")
 """Checks of what a model leaves."""
+SMALL = 1e-6
+"""Of what a record says of its constants: a direction that it says less of counts for nothing."""
 DISTURBANCE = 0.02
 """Share of the innovation's power that a random force may explain beside a complete model: a hundredth of the rms."""
 
@@ -106,7 +108,7 @@ def prior(seen: Evidence) -> list[Check]:
     deviation = deviations(seen.model) / layout.deviation
     checks = []
     for k, owner in enumerate(layout.owner):
-        if owner:
+        if owner or layout.names[k] in layout.varying:
             continue
         distance = float(abs(off[k]))
         sure = float(abs(off[k]) / np.hypot(1.0, deviation[k]))
@@ -181,6 +183,60 @@ def reference(seen: Evidence) -> list[Check]:
         )
         for one in seen.references
     ]  # fmt: skip
+
+
+def agreement(model: FittedModel, evaluation: Evaluation, *, held_out: bool) -> list[Check]:
+    """Each record of several has the constants and coefficients that they share: what it would gain by its own is no
+    more than chance.
+
+    At the pool's top the scores of a record that was fitted scatter by J − J C J, J being its information and C the
+    covariance of what is shared; of one that was not, by J + J C J.
+    """
+    layout, records = model.layout, evaluation.records
+    shared = layout.shared
+    own = [k for k in range(len(layout.names)) if k not in shared]
+    whole = np.linalg.inv(model.posterior_information)[np.ix_(shared, shared)]
+    blocks = (len(records), -1)
+    information = (evaluation.information / evaluation.scale).reshape(*blocks, *evaluation.information.shape[1:])
+    scores = (evaluation.score / evaluation.scale).reshape(*blocks, len(layout.names))
+    checks = []
+    for name, parts, score in zip(records, information, scores, strict=True):
+        total = parts.sum(axis=0)
+        prior = np.diag(model.prior_deviation[own] ** -2.0)
+        taken = np.linalg.solve(total[np.ix_(own, own)] + prior, total[np.ix_(own, shared)])
+        told = total[np.ix_(shared, shared)] - total[np.ix_(shared, own)] @ taken
+        left = score[:, shared] - score[:, own] @ taken
+        off = left.sum(axis=0)
+        scatter = told @ whole @ told
+        spread = told + scatter if held_out else told - scatter
+        ratio, freedom = _over_chance(off, spread, told)
+        usual = 1.0 if evaluation.share == 1.0 else max(_over_chance(left - left.mean(axis=0), told, told)[0], 1.0)
+        limit = chi2_isf(RARE / len(records), freedom) / freedom
+        moved = whole @ off if held_out else np.linalg.pinv(told, hermitian=True) @ off
+        worst = int(np.argmax(np.abs(off) / np.sqrt(np.maximum(np.diagonal(told), np.finfo(float).tiny))))
+        k = shared[worst]
+        agrees = ratio < 2.0 * limit * usual
+        sentence = (
+            f"{name} agrees with what the records share: its scores scatter by {ratio:.3g} × noise"
+            if agrees
+            else (
+                f"{name} does not agree with what the records share: its scores are {ratio / usual:.3g} × noise, "
+                f"first of {layout.names[k]}, by {float(moved[worst] * layout.factor[k]):.3g}"
+            )
+        )
+        checks.append(Check("agreement", bool(agrees), sentence))
+    return checks
+
+
+def _over_chance(score: Array, spread: Array, information: Array) -> tuple[float, int]:
+    """The power of scores (k,) or, of several, (n, k) together, over their covariance (k, k), by degree of freedom; and
+    how many these are: directions of which the information is enough.
+    """
+    size = np.sqrt(np.maximum(np.diagonal(information), np.finfo(float).tiny))
+    values, vectors = np.linalg.eigh(spread / np.outer(size, size))
+    told = values > SMALL
+    along = (score / size) @ vectors[:, told] / np.sqrt(values[told])
+    return float(np.sum(along**2)) / max(int(told.sum()), 1), max(int(told.sum()), 1)
 
 
 CHECKS: tuple[Callable[[Evidence], list[Check]], ...] = (

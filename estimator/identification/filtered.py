@@ -84,7 +84,7 @@ class Filtered:
         seconds = self.beginning.seconds + float(np.sum(record.step[: rows.start or 0]))
         return Filtered(self.problem.part(rows), Beginning(seconds, first))
 
-    def layout(self, effects: Effects) -> ObserverLayout:
+    def layout(self, effects: Effects) -> Layout:
         """The parameters of the model with these effects."""
         return ObserverLayout(self.problem, effects)
 

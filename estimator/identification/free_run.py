@@ -142,7 +142,7 @@ class FreeRun(Filtered):
         """
         return replace(self, followed=True)
 
-    def layout(self, effects: Effects) -> StartLayout:
+    def layout(self, effects: Effects) -> Layout:
         """The parameters of the model with these effects, and the start of the record."""
         return StartLayout(self.problem, effects)
 

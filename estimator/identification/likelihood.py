@@ -70,7 +70,8 @@ class Evaluation:
     score (blocks, k), information (blocks, k, k): of twice the log-likelihood's half by the parameters, scaled, by
     part of the record, both at the noise that the pass assumed; power (blocks,) sum of squared whitened innovations;
     logs (blocks,) of the logarithms of their deviations; count (blocks,) of innovations; innovation (n, axes) V and
-    its deviation, NaN where nothing was measured; share of the samples that is independent, by which all sums are less.
+    its deviation, NaN where nothing was measured; share of the samples that is independent, by which all sums are less;
+    records: of several, their names: each has as many parts, one after another.
     """
 
     names: tuple[str, ...]
@@ -82,6 +83,7 @@ class Evaluation:
     innovation: Array
     deviation: Array
     share: float = 1.0
+    records: tuple[str, ...] = ()
 
     @property
     def sound(self) -> bool:
@@ -142,7 +144,8 @@ class Layout(ABC):
     """The parameters of a model: where each stands, its prior, its bounds, its unit.
 
     names (k,); owner (k,) the effect that has it, "" for the base model; mean, deviation (k,) of the prior, scaled;
-    least, most (k,) what none goes below or above; factor (k,) SI of a scaled unit.
+    least, most (k,) what none goes below or above; factor (k,) SI of a scaled unit; varying: constants that differ
+    between records, of which the bench file declares one.
     """
 
     names: tuple[str, ...]
@@ -152,6 +155,12 @@ class Layout(ABC):
     least: Array
     most: Array
     factor: Array
+    varying: frozenset[str] = frozenset()
+
+    @property
+    def shared(self) -> list[int]:
+        """Places of what several records have in common."""
+        return list(range(len(self.names)))
 
     def spread(self, share: float) -> Array:
         """Deviations (k,) of the prior beside a record of whose samples so large a share is independent: that share

@@ -65,7 +65,8 @@ def rejected(
 def _taken_out(of: Likelihood, name: str, failed: Failed) -> Rejected:
     """It may be nothing, or as large as it was fitted."""
     effect = of.effect(name)
-    assert isinstance(effect, Effect)
+    if not isinstance(effect, Effect):
+        return Rejected(kind(name), failed.sentence)
     found = intervals_of(effect, failed.model, name)
     bound = {symbol: replace(one, low=min(one.low, 0.0), high=max(one.high, 0.0)) for symbol, one in found.items()}
     return Rejected(kind(name), failed.sentence, bound)
@@ -73,10 +74,11 @@ def _taken_out(of: Likelihood, name: str, failed: Failed) -> Rejected:
 
 def _bound(of: Likelihood, score: Score, scaling: Scaling) -> dict[str, Interval]:
     """Of each coefficient, less what the plausible size of the effect says of it; unbounded where that is all."""
-    bound = {}
+    bound: dict[str, Interval] = {}
     wider = TWO_SIDED * float(np.sqrt(max(score.scatter, 1.0)))
     effect = of.effect(score.name)
-    assert isinstance(effect, Effect)
+    if not isinstance(effect, Effect):
+        return bound
     plausible = of.plausible(score.name)
     for c, size, deviation, likely in zip(effect.coefficients, score.size, score.deviation, plausible, strict=True):
         told, unit = float(deviation**-2.0 - likely**-2.0), scaling.coefficient(c)

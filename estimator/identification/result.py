@@ -80,7 +80,7 @@ def diagnosis(
         separations=pairs_of(problem, model, groups, reader, effects, others, progress),
         rejected=others, findings=before.findings,
         before=before.fitted, after=after.fitted, held_out_before=before.held_out, held_out_after=after.held_out,
-        residual_before=before.residual, residual_after=after.residual, split=split, reasons=_reasons(judged, others),
+        residual_before=before.residual, residual_after=after.residual, split=split, reasons=reasons_of(judged, others),
         angle_moved=reader.moved(problem.effects, carried) if effects and problem.device.axes == 2 else None,
         share=share, left=after.findings if verdict is Verdict.PARTLY else (),
         probabilities=probabilities(evidence, checks, chosen.groups, chosen.found),
@@ -101,7 +101,7 @@ def share_of(evidence: Evidence) -> float | None:
     return 1.0 - max(now - 1.0, 0.0) / (was - 1.0) if was > 1.0 else None
 
 
-def _reasons(judged: Judged, others: tuple[Rejected, ...]) -> tuple[str, ...]:
+def reasons_of(judged: Judged, others: tuple[Rejected, ...]) -> tuple[str, ...]:
     """Why the verdict is what it is: checks that failed first, then what else was seen on the part held out."""
     failed = [check.sentence for check in judged.checks if not check.passed]
     passed = [check.sentence for check in judged.checks if check.passed and check.name in ("noise floor", "held out")]

@@ -79,7 +79,7 @@ def _judged(
     return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, share, {})
 
 
-def likelihood_of(problem: Problem, split: int) -> Likelihood:
+def likelihood_of(problem: Problem, split: int) -> Filtered:
     """The free run of a single axis, and of a response that nothing drives where it errs by less than a filter does
     from one sample to the next; else the filter.
     """
