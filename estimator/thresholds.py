@@ -99,11 +99,6 @@ class Start:
     wider: float = _set(
         10.0, "× the standard deviations of the pass before", "What is counted twice is one part in a hundred."
     )
-    again: int = _set(
-        2, "passes", "Beyond two, while a coefficient leaves the spread that a pass began with: each squares the error."
-    )
-    opening: int = _set(20_000, "samples", "From so many a first pass finds the constants; the second begins there.")
-    opening_share: float = _set(1.0 / 3.0, "of the record", "The same of a long record, whose amplitude and rate move.")
     cycles: float = _set(1.5, "cycles", "They show the motion to some percent, as far as amplitude and rate may move.")
     harmonics: int = _set(3, "orders", "What a channel bends is in the second and the third.")
     memories: float = _set(3.0, "memories of the observer", "A start from declared values has decayed to a twentieth.")
@@ -118,16 +113,6 @@ class Scanning:
     parts: int = _set(32, "parts of the record", "Enough to tell scatter from part to part within a quarter.")
     course: int = _set(16, "instants a part", "The angle's sensitivity is drawn and bounded by so many points.")
     jump: float = _set(4.0, "× the usual innovation", "What lies around a jump of the rate counts less from there on.")
-    locked: float = _set(
-        0.03, "of the amplitude", "With a larger innovation, the motion gets away from a filter that forgets nothing."
-    )
-
-
-@dataclass(frozen=True)
-class Width:
-    """How many candidates an observer each is spent on."""
-
-    power: float = _set(0.05, "of the predicted power, above it", "As much as an explained record may leave.")
 
 
 @dataclass(frozen=True)
@@ -195,19 +180,6 @@ class FreeRuns:
     on_the_way: int = _set(12, "free runs", "Of a fit that only leads to the next.")
     beginning: int = _set(64, "samples", "Of a free response, what is fitted first.")
     longer: int = _set(3, "× the beginning", "The phase of the next beginning is known to less than half a turn.")
-
-
-@dataclass(frozen=True)
-class Pools:
-    """Several records of a single axis, by their free runs."""
-
-    fewest: int = _set(2, "records", "Of one record alone, what is its own and what is the device's is one thing.")
-    runs: int = _set(60, "free runs", "Of a fit that is kept; one that asks for more goes nowhere.")
-    beginning: int = _set(4, "1 / share of a record", "Of a record held out, what tells where its free run begins.")
-    offset: float = _set(
-        0.1, "of the noise", "What records that were fitted have in common of their offsets, at least."
-    )
-    lost: float = _set(1e6, "× the noise", "A residual where the model has no free run: no fit stays there.")
 
 
 @dataclass(frozen=True)
@@ -311,13 +283,11 @@ class Thresholds:
     criterion: Criterion = field(default_factory=Criterion)
     start: Start = field(default_factory=Start)
     scan: Scanning = field(default_factory=Scanning)
-    width: Width = field(default_factory=Width)
     promises: Promises = field(default_factory=Promises)
     judgement: Judgement = field(default_factory=Judgement)
     nameless: NamelessForce = field(default_factory=NamelessForce)
     prior: Prior = field(default_factory=Prior)
     free_runs: FreeRuns = field(default_factory=FreeRuns)
-    pools: Pools = field(default_factory=Pools)
     scoring: Scoring = field(default_factory=Scoring)
     symmetries: Symmetries = field(default_factory=Symmetries)
     residual: ResidualLook = field(default_factory=ResidualLook)

@@ -64,10 +64,6 @@ _TRACE = {
     "free_run_model": "by_simulation free_run_model",
     "nameless": "nameless_pieces closed_forms nameless",
     "nested": "nested",
-    "pool.fit": "pool",
-    "pool.members": "pool",
-    "pool.model": "pool",
-    "pool.trace": "pool",
     "probability": "probability closed_forms",
     "promises": "promises promised closed_forms",
     "rings": "rings",
@@ -75,6 +71,10 @@ _TRACE = {
 }
 _IDENTIFICATION = {
     "angle": "angle",
+    "pool": "pool",
+    "pool_trace": "pool",
+    "pooled": "pool",
+    "pooled_layout": "pool",
     "examination": "examination angle",
     "fitness": "fitness_rules fitness",
     "prediction": "prediction free_runs_of_a_ring_down",

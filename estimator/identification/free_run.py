@@ -111,11 +111,14 @@ def seen_motion(record: Record, observer: Observer) -> tuple[Array, Array]:
 @dataclass(frozen=True)
 class FreeRun(Filtered):
     """`Likelihood` of a record by its free run; fitted: whether its start is that of the model's parameters, else its
-    first samples tell it; followed: whether the run is corrected for the random force that the record asks for.
+    first samples, `telling` of them, tell it; alone: of no record that was fitted, so that these tell its offsets too;
+    followed: whether the run is corrected for the random force that the record asks for.
     """
 
     fitted: bool = True
     followed: bool = False
+    telling: int = TELLING
+    alone: bool = False
 
     @property
     def first(self) -> int:
@@ -303,39 +306,49 @@ class _Run:
         if first and self.of.fitted:
             return self._run(record, before, start, self.known, self.moved, self.tested)
         states = self.observer.states
-        telling = record if self.of.fitted else record.part(slice(0, TELLING))
+        telling = record if self.of.fitted else record.part(slice(0, self.of.telling))
         start[:states], _ = seen_motion(telling, self.observer)
         start = self._told(telling, before, start)
         rows = self._run(record, before, start, self.known, self.moved, self.tested)
         c = len(self.known)
         if self.moved and len(rows):
-            own = c + np.flatnonzero(self.layout.kept < states)
+            own = c + np.flatnonzero(np.isin(self.layout.kept, self.of_start))
             seen = np.flatnonzero(~np.isnan(rows[:, -1]))
             others = np.setdiff1d(np.arange(rows.shape[1] - 2), own)
             answer = np.linalg.lstsq(rows[np.ix_(seen, own)], rows[np.ix_(seen, others)], rcond=BLIND)[0]
             rows[:, others] -= rows[:, own] @ answer
             rows[:, own] = 0.0
         if not self.of.fitted:
-            rows[: TELLING * self.of.axes, -1] = np.nan
+            rows[: self.of.telling * self.of.axes, -1] = np.nan
         return rows
 
+    @property
+    def of_start(self) -> NDArray[np.int64]:
+        """What of a start a part tells that was not fitted: the motion, and of a record by itself all else."""
+        states = np.arange(self.observer.states)
+        return np.union1d(states, self.layout.kept) if self.of.alone else states
+
     def _told(self, record: Record, before: Beginning, start: Array) -> Array:
-        """The start whose run lies closest to a record."""
-        states = self.observer.states
-        nearest, least = start, np.inf
+        """The start whose run lies closest to a record; beside the motion, as sure beforehand as it is declared."""
+        states, rows_of = self.observer.states, self.of_start
+        nearest, least, given = start, np.inf, start
+        deviation = dict(zip(self.layout.kept.tolist(), self.layout.deviation[self.layout.start].tolist(), strict=True))
+        sure = np.array([1.0 / deviation[k] for k in rows_of[states:].tolist()])
+        prior = np.hstack([np.zeros((len(sure), states)), np.diag(sure)])
         for _ in range(ROUNDS):
             rows = self._run(record, before, start, self.known[:0], -1, {})
             told = rows[~np.isnan(rows[:, -1])]
-            power = float(np.sum(told[:, -2] ** 2))
+            off = sure * (start - given)[rows_of[states:]]
+            power = float(np.sum(told[:, -2] ** 2) + np.sum(off**2))
             if not np.isfinite(power) or len(told) < states:
                 break
             if power < least:
                 gained, nearest, least = least - power, start, power
                 if gained < BLIND * power:
                     break
-            change = np.linalg.lstsq(told[:, :states], told[:, -2], rcond=BLIND)[0]
+            design = np.vstack([told[:, : len(rows_of)], prior])
             start = start.copy()
-            start[:states] -= change
+            start[rows_of] -= np.linalg.lstsq(design, np.concatenate([told[:, -2], off]), rcond=BLIND)[0]
         return nearest
 
     def _run(
@@ -348,14 +361,12 @@ class _Run:
         tested: Effects,
     ) -> Array:
         """Rows of one stretch from `start`; before: what effects count from; moved: how many columns of the layout's
-        start, −1 for those of the motion alone.
+        start, −1 for those that a part tells (`of_start`).
         """
         observer = self._observer(tested)
         observer.x[observer.estimated_index] = start
         observer.begin_at(before.seconds, before.temperature)
-        columns = (
-            np.eye(len(start))[:, : observer.states] if moved < 0 else np.eye(len(start))[:, self.layout.kept[:moved]]
-        )
+        columns = np.eye(len(start))[:, self.of_start if moved < 0 else self.layout.kept[:moved]]
         if self.slips:
             return self._simulated(observer, record, before.seconds, known, columns)
         still = np.zeros((len(start), len(start)))

@@ -8,7 +8,7 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.identification.problem import Problem
 from estimator.record import Record
-from estimator.settings import Device, ObserverSettings
+from estimator.settings import ControllerSettings, Device, ObserverSettings
 
 FEWEST = 2
 """Records that are fitted, at least: of one alone, its own and the device's are one thing."""
@@ -27,12 +27,15 @@ class Member:
 
 @dataclass(frozen=True)
 class Pool:
-    """Records of one device; `covariate` names what was other on each, None where nothing is said to have been."""
+    """Records of one device; `covariate` names what was other on each, None where nothing is said to have been;
+    `controller` where one was at work on all of them.
+    """
 
     members: tuple[Member, ...]
     device: Device
     settings: ObserverSettings
     covariate: str | None = None
+    controller: ControllerSettings | None = None
 
     def of(self, members: Sequence[Member]) -> "Pool":
         """The same device with these records."""
@@ -40,7 +43,7 @@ class Pool:
 
     def problem(self, member: Member) -> Problem:
         """A record by itself."""
-        return Problem(member.record, self.device, self.settings)
+        return Problem(member.record, self.device, self.settings, self.controller)
 
     def divided(self, held_out: Sequence[int]) -> tuple["Pool", "Pool"]:
         """The records that are fitted, and those that judge.  Raises ModelError where either are too few."""

@@ -13,7 +13,7 @@ from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
 from estimator.identification.examination import Examination
 from estimator.identification.filtered import WINDOW, WINDOWS, Filtered
-from estimator.identification.free_run import FreeRun
+from estimator.identification.free_run import TELLING, FreeRun
 from estimator.identification.likelihood import (
     Beginning,
     Described,
@@ -38,6 +38,8 @@ from estimator.identification.problem import Effects
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 
+BEGINNING = 4
+"""Share, one to so many, of a record held out that tells where its free run begins."""
 REACHED = (Search.LIMITS, Search.BANDS, Search.LEVELS)
 """Searches whose thresholds hang on how far drive and motion go."""
 
@@ -262,8 +264,12 @@ def pooled(fit: Pool, judges: Pool, kind: type[Filtered]) -> Pooled:
 
 
 def _judging(part: Part) -> Part:
-    """A record that is held out: where a free run of it begins is told by its first samples."""
-    return part._replace(of=replace(part.of, fitted=False)) if isinstance(part.of, FreeRun) else part
+    """A record that is held out: where a free run of it begins is told by its first quarter."""
+    if not isinstance(part.of, FreeRun):
+        return part
+    return part._replace(
+        of=replace(part.of, fitted=False, alone=True, telling=max(part.of.samples // BEGINNING, TELLING))
+    )
 
 
 def _beginnings(parts: Sequence[Part], samples: int) -> Iterator[Part]:

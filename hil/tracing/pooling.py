@@ -9,12 +9,12 @@ import numpy as np
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.identification.fitness import remarks, require_traceable
+from estimator.identification.pool import Member, Pool, held_out_by_default
 from estimator.side_by_side import interruptible, one_blas_thread, workers
-from estimator.trace.pool.members import Member, Pool, held_out_by_default
 from hil.bench import RateSensorBench, load_any_bench, override
 from hil.bench.by_verb import require_usable
 from hil.errors import InputError
-from hil.inputs.captured import drives_of, record_of
+from hil.inputs.captured import control_of, drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
@@ -71,7 +71,8 @@ def trace_pool_files(
         except ModelError as error:
             raise InputError(f"{place}: {error}") from None
         members.append(Member(each, numbers, _covariate(place, record, covariate)))
-    pool = Pool(tuple(members), device, observer_settings_of(bench), covariate, effects_asked(also, device))
+    effects_asked(also, device)  # the whole catalogue is tried; a name that is none is refused
+    pool = Pool(tuple(members), device, observer_settings_of(bench), covariate, control_of(bench, records[0]))
     judges = _judges(names, held_out) or held_out_by_default(pool)
     left = TimeLeft()
 
@@ -79,7 +80,7 @@ def trace_pool_files(
         progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
     def searched() -> traced.Diagnosis:
-        from estimator.trace.pool.trace import trace_pool  # compiles
+        from estimator.identification.pool_trace import trace_pool  # loaded after what can be refused without it
 
         return trace_pool(pool, judges, told)
 
