@@ -42,6 +42,7 @@ from hil.loop.run import run
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
+from hil.tracing.request import request_of
 from hil.tracing.separate import Asked, last_traced, separable, separate
 from hil.tracing.trace import trace
 
@@ -105,7 +106,8 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     folder = run(RunRequest(bench, link), place, progress=lambda _: None).folder
     assert folder is not None
     try:
-        first = trace(RunFolder(folder).capture_path, bench, place, report=False, progress=lambda _: None).diagnosis
+        wanted = request_of(RunFolder(folder).capture_path, bench, {"report": False})
+        first = trace(wanted, place, progress=lambda _: None).diagnosis
     except InputError as refusal:  # as of a drive that clips the converter: there is nothing to go on from
         return _kept(kept, {"name": order.name, "kind": order.effects[0], "before": f"refused: {refusal}"} | _NOTHING)
     hand = np.random.default_rng(order.seed + 1)
@@ -116,7 +118,7 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
         write_text(scenario, toml_of(turned))
 
     made = separate(
-        first, bench, link, place, fraction=None, before_run=on_the_table, progress=lambda _: None
+        first, bench, link, place, options={}, before_run=on_the_table, progress=lambda _: None
     ) if separable(first, bench) else ()  # fmt: skip
     traced = last_traced(made)
     last = first if traced is None else traced.diagnosis

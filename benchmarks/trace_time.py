@@ -21,7 +21,8 @@ from evaluation.undeclared.population import Order, population
 from evaluation.undeclared.record import make
 from hil.bench.examples import find
 from hil.errors import InputError
-from hil.tracing.trace import trace_file
+from hil.tracing.request import request_of
+from hil.tracing.trace import trace
 
 SAMPLES, MINUTE_S = 1_000_000, 60.0
 SHORT, HALF_A_MINUTE_S = 100_000, 30.0
@@ -56,10 +57,8 @@ def _of(order: Order, say: Say) -> float:
         place = make(order, Path(folder), SHORT)
         begin, spent = time.perf_counter(), time.process_time()
         try:
-            said: str = trace_file(
-                place / "capture.arrow", place / "bench.toml", Path(folder) / "traces",
-                name=None, fraction=None, report=False, progress=lambda _: None,
-            ).diagnosis.verdict  # fmt: skip
+            request = request_of(place / "capture.arrow", place / "bench.toml", {"report": False})
+            said: str = trace(request, Path(folder) / "traces", progress=lambda _: None).diagnosis.verdict
         except InputError as refusal:
             said = f"refused: {refusal}"
         took = time.perf_counter() - begin

@@ -24,7 +24,8 @@ from evaluation.undeclared.judging import class_of, judge
 from hil.errors import InputError
 from hil.interchange.importer import import_record
 from hil.records.atomic import write_text
-from hil.tracing.trace import trace_file
+from hil.tracing.request import request_of
+from hil.tracing.trace import trace
 
 Answer = dict[str, Any]
 
@@ -73,9 +74,8 @@ def _traced(place: Path) -> Answer:
         import_record(place, capture, map_file=None, nonuniform=False)
     begin = time.process_time()
     try:
-        done = trace_file(
-            capture, bench, kept.with_suffix(""), name=None, fraction=None, report=False, progress=lambda _: None,
-        )  # fmt: skip
+        request = request_of(capture, bench, {"report": False})
+        done = trace(request, kept.with_suffix(""), progress=lambda _: None)
         answer = {"diagnosis": json.loads((done.folder / "diagnosis.json").read_text())}
     except InputError as refusal:
         answer = {"diagnosis": None, "refused": str(refusal)}

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from estimator.errors import ModelError
     from hil.bench import Bench, RateSensorBench
     from hil.errors import InputError
+    from hil.interchange.importer import Imported
     from hil.library.campaign import Sweep
     from hil.library.finished_run import Run
     from hil.library.generating import generate
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
         diff,
         dry_run,
         export,
+        import_record,
         load_bench,
         open_live,
         record,
@@ -55,6 +57,7 @@ __all__ = [
     "DeclaredDevice",
     "Drive",
     "Estimate",
+    "Imported",
     "InputError",
     "Interrupted",
     "Live",
@@ -75,6 +78,7 @@ __all__ = [
     "dry_run",
     "export",
     "generate",
+    "import_record",
     "load",
     "load_bench",
     "load_trace",
@@ -96,6 +100,7 @@ _HOMES = {
     "DeclaredDevice": "hil.plugins.protocol",
     "Drive": "hil.plugins.protocol",
     "Estimate": "hil.plugins.protocol",
+    "Imported": "hil.interchange.importer",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
     "Live": "hil.library.live",
@@ -115,6 +120,7 @@ _HOMES = {
     "dry_run": "hil.library.verbs",
     "export": "hil.library.verbs",
     "generate": "hil.library.generating",
+    "import_record": "hil.library.verbs",
     "load": "hil.library.loading",
     "load_bench": "hil.library.verbs",
     "load_trace": "hil.library.loading",

@@ -91,6 +91,7 @@ def demo(
     from hil.errors import InputError
     from hil.report.page import write_report
     from hil.tracing.addition import add_effects, additions
+    from hil.tracing.request import request_of
     from hil.tracing.trace import trace
 
     path = examples.find("bench", EXAMPLE)
@@ -101,7 +102,8 @@ def demo(
         record = RunFolder(before).capture_path
         try:  # where the machine was far too busy, a run ends early, or too little of its record is left
             _score(before, truth, progress)
-            traced = trace(record, _bench(path, f"{name}-trace", *options), out, progress=progress)
+            wanted = request_of(record, _bench(path, name, *options), {"name": f"{name}-trace"})
+            traced = trace(wanted, out, progress=progress)
         except InputError as error:
             if not RunFolder(before).report_path.exists():
                 progress(Progress("report", 0, 0))

@@ -1,8 +1,11 @@
 """A pytest plugin for acceptance tests of a board: the same test on an emulated board, a virtual bus, or hardware.
 
     pytest --hil-bench my.bench.toml --hil-link serial:/dev/ttyACM0 --hil-arm
+    pytest --hil-sensor stim300:/dev/ttyUSB0
+    pytest --hil-bench my.bench.toml --hil-record ride.csv --hil-map my.map.toml
 
-Fixtures: `bench`, the bench file; `board`, a `hil.testing.board.BoardUnderTest` of that link. Markers:
+Fixtures: `bench`, the bench file; `board`, a `hil.testing.board.BoardUnderTest` of that link; `sensor`, a
+`hil.testing.sensor.SensorUnderTest`; `record`, a `hil.testing.record.RecordUnderTest`. Markers:
 `hil_clock(name)`, the test needs a board that keeps that clock; `hil_emulated`, it needs an emulated board (its truth,
 say).
 
@@ -19,6 +22,8 @@ import pytest
 if TYPE_CHECKING:
     from hil.bench import Bench
     from hil.testing.board import BoardUnderTest
+    from hil.testing.record import RecordUnderTest
+    from hil.testing.sensor import SensorUnderTest
 
 _FAULT = pytest.StashKey[bool]()
 
@@ -30,6 +35,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         ("bench", "bench file of the board, or the name of an example"),
         ("link", "link to the board (serial:…, can:…, udp:…, pty:SCENARIO, inproc:SCENARIO); default: [link] url"),
         ("clock", "lockstep, paced or real; default: the bench file's, or what the board keeps"),
+        ("sensor", "link to a sensor that cannot be driven (stim300:/dev/ttyUSB0)"),
+        ("record", "run folder, capture, or file that hil import reads"),
+        ("map", "map of that file, or the name of an example"),
     ):
         group.addoption(f"--hil-{name}", help=what)
         parser.addini(f"hil_{name}", what)
@@ -86,6 +94,33 @@ def board(request: pytest.FixtureRequest, bench: "Bench", tmp_path: Path) -> Ite
         under_test.close()
 
 
+@pytest.fixture
+def sensor(request: pytest.FixtureRequest, tmp_path: Path) -> "SensorUnderTest":
+    """The sensor at `--hil-sensor`; nothing is opened before it is recorded."""
+    from hil.errors import InputError
+    from hil.testing.sensor import SensorUnderTest
+
+    try:
+        return SensorUnderTest(_given(request.config, "sensor", "stim300:/dev/ttyUSB0"), tmp_path / "runs")
+    except InputError as error:
+        pytest.fail(str(error), pytrace=False)
+
+
+@pytest.fixture
+def record(request: pytest.FixtureRequest, tmp_path: Path) -> "RecordUnderTest":
+    """The record at `--hil-record`, imported where it is no capture, with the bench of `--hil-bench` or its own."""
+    from hil.errors import InputError
+    from hil.testing.record import RecordUnderTest
+
+    config = request.config
+    try:
+        place = Path(_given(config, "record", "FILE"))
+        bench = _bench_path(config) if _setting(config, "bench") else None
+        return RecordUnderTest(place, bench, tmp_path, mapping=_setting(config, "map"))
+    except InputError as error:
+        pytest.fail(str(error), pytrace=False)
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
     """A test that finds out on its way that this board cannot do what it needs is skipped."""
@@ -128,6 +163,14 @@ def _bench_path(config: pytest.Config) -> Path:
     if not name:
         raise InputError("no bench file: give --hil-bench FILE, or hil_bench in pytest's ini file")
     return find("bench", name, beside=config.inipath)
+
+
+def _given(config: pytest.Config, name: str, example: str) -> str:
+    from hil.errors import InputError
+
+    if (given := _setting(config, name)) is None:
+        raise InputError(f"no {name}: give --hil-{name} {example}, or hil_{name} in pytest's ini file")
+    return given
 
 
 def _setting(config: pytest.Config, name: str) -> str | None:

@@ -21,6 +21,7 @@ from hil.errors import InputError
 from hil.inputs.declared import device_of, observer_settings_of
 from hil.library.arrays import write_capture
 from hil.methods.comparing import effects_of
+from hil.tracing.request import request_of
 from hil.tracing.trace import trace
 
 _UNMEASURED = 1e12  # times the variance of a sample that says nothing
@@ -48,7 +49,7 @@ def found_in(record: Record, bench: Bench) -> tuple[Found, Bench]:
             capture,
         )  # fmt: skip
         try:
-            said = trace(capture, bench, Path(place), report=False, progress=lambda _: None).diagnosis
+            said = trace(request_of(capture, bench, {"report": False}), Path(place), progress=lambda _: None).diagnosis
         except InputError as refusal:
             return Found(f"refused: {refusal}", ()), bench
     effects = effects_of(said)

@@ -12,8 +12,9 @@ from benchmarks.laboratory.pools import POOLS, PoolKind
 from benchmarks.row import Row, Say
 from hil.interchange.importer import import_record
 from hil.records.diagnosis import Coefficient, Diagnosis
-from hil.tracing.pooling import trace_pool_files
-from hil.tracing.trace import trace_file
+from hil.tracing.options import TraceOptions
+from hil.tracing.request import request_of
+from hil.tracing.trace import trace
 
 SEED = 11
 
@@ -45,7 +46,8 @@ def diagnosed(kind: Kind, work: Path) -> tuple[Diagnosis, float]:
     bench.write_text(bench_text(kind.rate_Hz, kind.sense), encoding="utf-8")
     capture = work / f"{stem}.arrow"
     noise = float(kind.sense["noise_V"]) * import_record(table, capture, map_file=mapping).noise_gain
-    done = trace_file(capture, bench, work / "runs", name=stem, fraction=None, report=False, progress=lambda _: None)
+    request = request_of(capture, bench, {"name": stem, "report": False})
+    done = trace(request, work / "runs", progress=lambda _: None)
     return done.diagnosis, noise
 
 
@@ -61,17 +63,10 @@ def pooled(kind: PoolKind, work: Path) -> tuple[Diagnosis, float]:
         mapping.write_text(map_text, encoding="utf-8")
         captures.append(folder / f"{name}.arrow")
         import_record(folder / f"{name}.csv", captures[-1], map_file=mapping)
-    done = trace_pool_files(
-        captures,
-        bench,
-        work / "runs",
-        name=folder.name,
-        covariate=kind.covariate,
-        held_out=kind.held_out,
-        also=kind.also,
-        report=False,
-        progress=lambda _: None,
-    )
+    options: TraceOptions = {
+        "name": folder.name, "covariate": kind.covariate, "hold_out": kind.held_out, "also": kind.also, "report": False,
+    }  # fmt: skip
+    done = trace(request_of(captures, bench, options), work / "runs", progress=lambda _: None)
     return done.diagnosis, float(kind.sense["noise_V"])
 
 

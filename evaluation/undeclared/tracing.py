@@ -18,7 +18,8 @@ from benchmarks.row import Say
 from estimator.side_by_side import one_worker_each
 from hil.errors import InputError
 from hil.records.atomic import write_text
-from hil.tracing.trace import trace_file
+from hil.tracing.request import request_of
+from hil.tracing.trace import trace
 
 _ROOT = Path(__file__).parents[2]
 
@@ -42,10 +43,8 @@ def trace_one(place: Path, tracer: str) -> str:
     (place / "diagnosis.json").unlink(missing_ok=True)
     said = ""
     try:
-        traced = trace_file(
-            place / "capture.arrow", place / "bench.toml", place / "traces",
-            name=None, fraction=None, report=False, progress=lambda _: None,
-        )  # fmt: skip
+        request = request_of(place / "capture.arrow", place / "bench.toml", {"report": False})
+        traced = trace(request, place / "traces", progress=lambda _: None)
     except InputError as refusal:
         said = str(refusal)
     else:

@@ -5,8 +5,10 @@ The examples travel in the wheel as package data of `hil`; in an editable instal
 
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from hil.errors import InputError
+from hil.errors.arguments import path_of
 from hil.errors.strict_toml import suggestion
 
 
@@ -40,3 +42,10 @@ def find(kind: str, name: str, *, beside: Path | None = None) -> Path:
             return place
     bare = Path(name).name.removesuffix(f".{kind}.toml")
     raise InputError(f"{name}: no such {kind} file, and no example of that name; {suggestion(bare, names(kind))}")
+
+
+def bench_file(
+    argument: str, given: Any, wanted: str = "a Bench, the path of a bench file or the name of an example"
+) -> Path:
+    """The bench file at a path, or the example of that name.  Raises InputError where there is none."""
+    return find("bench", str(path_of(argument, given, wanted)))

@@ -11,7 +11,8 @@ import sys
 import warnings
 from typing import Any, NoReturn
 
-from hil.errors import printable, refusal_of, told_to_user
+from hil.errors import InputError, printable, refusal_of
+from hil.errors.ending import ending_of
 from hil.errors.exit_codes import ExitCode
 from hil.errors.interruption import take_signals
 
@@ -56,22 +57,19 @@ def execute(arguments: list[str]) -> int:
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED
     except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
-        code = ExitCode.BAD_INPUT
-        if (sentence := _sentence(error, arguments)) is None:
-            from hil.errors.faults import kept_fault
-
-            code, sentence = ExitCode.FAULT, kept_fault(error)
-        _say(sentence)
+        misused = _misused(error, arguments)
+        ending = ending_of(error if misused is None else InputError(misused), keep=True)
+        _say(ending.line)
         if "--json" in arguments:
-            print(json.dumps({**refusal_of(sentence)._asdict(), "exit_code": int(code)}))
-        return code
+            print(json.dumps({**refusal_of(ending.line)._asdict(), "exit_code": int(ending.code)}))
+        return ending.code
     if code == ExitCode.INTERRUPTED:  # newer typers return it, older ones raise
         _say("interrupted")
     return int(code or 0)
 
 
-def _sentence(error: Exception, arguments: list[str]) -> str | None:
-    """What a user has to know about ``error``, or None when the fault is ours."""
+def _misused(error: Exception, arguments: list[str]) -> str | None:
+    """What is wrong with the words of the command line; None for an error of something else."""
     import typer
 
     usage: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
@@ -84,7 +82,7 @@ def _sentence(error: Exception, arguments: list[str]) -> str | None:
             return f"{option}: is called {now} now (see hil {verb} --help)"
         said = error.format_message().replace("Value error, ", "")  # pydantic's, before what typer says
         return f"{said} (see {f'hil {verb}' if verb else 'hil'} --help)"
-    return told_to_user(error)
+    return None
 
 
 def _say(sentence: str) -> None:

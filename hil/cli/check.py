@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from hil.cli.options import Json
+from hil.errors.exit_codes import ExitCode
 
 Place = Annotated[
     Path,
@@ -57,4 +58,4 @@ def check(place: Place, repair: Repair = False, out: Target = None, json: Json =
                 print(printable(f"{entry.name:<18}{length:<32}{line}").rstrip())
         if made is not None:
             say(f"{made}: every whole block")
-    raise typer.Exit(0 if whole else 1)
+    raise typer.Exit(ExitCode.GOOD if whole else ExitCode.AGAINST)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out, Report
+from hil.errors.exit_codes import ExitCode
 
 if TYPE_CHECKING:
     from hil.methods.comparing import Compared
@@ -83,10 +84,10 @@ def compare(
     with watching("compare") as watch:
         found = _diagnosis(diagnosis)
         if trace:
+            from hil.tracing.request import request_of
             from hil.tracing.trace import trace as trace_record
 
-            traced = override(declared, {"loop": {"name": f"{named.loop.name}-trace"}}, str(path))
-            found = trace_record(place, traced, out, report=report, progress=watch).diagnosis
+            found = trace_record(request_of(place, named, {"report": report}), out, progress=watch).diagnosis
         done = compare_record(place, named, out, truth=truth, link=link, diagnosis=found, report=report, progress=watch)
     _finish(done, place, as_json=json)
 
@@ -108,7 +109,7 @@ def _finish(done: "Compared", record: Path, *, as_json: bool) -> None:
         print_json({"folder": str(done.folder), **done.methods.model_dump(mode="json")})
     else:
         _print(done, record)
-    raise typer.Exit(1 if done.diverged else 0)
+    raise typer.Exit(ExitCode.AGAINST if done.diverged else ExitCode.GOOD)
 
 
 def _print(done: "Compared", record: Path) -> None:

@@ -49,10 +49,11 @@ def export(
       hil export silverbox.arrow --to parquet
       hil export last-trace --what force --to csv
     """
-    from hil.cli.files import fresh, run_folder
+    from hil.cli.files import run_folder
     from hil.cli.show import print_json, say
     from hil.interchange.exporter import export as write
     from hil.interchange.exporter import format_for
+    from hil.records.kind import fresh
 
     place = run_folder(capture).resolve()
     to = to or "csv" if out is None else format_for(out, to)

@@ -37,22 +37,3 @@ def bench_file(given: str | None, capture: Path, verb: str) -> Path:
         command = f"hil {verb} {shlex.quote(str(capture))} --bench FILE"
         raise InputError(f"{capture}: no bench file belongs to it; name one: {command}")
     return own
-
-
-def fresh(target: Path, *, replace: bool = False, source: Path | None = None) -> Path:
-    """``target`` itself; `InputError` where it exists, since nothing is overwritten unasked: `replace` asks for it.
-
-    Never overwritten is what a run or a trace is made of, nor `source`, from which the file is made.
-    """
-    from hil.records.kind import require_unowned
-
-    if not target.exists():
-        return target
-    if source is not None and source.exists() and target.samefile(source):
-        raise InputError(f"{target}: is what is read; give another name")
-    require_unowned(target)
-    if not target.is_file():
-        raise InputError(f"{target}: exists already; give another name")
-    if not replace:
-        raise InputError(f"{target}: exists already; give another name, or --replace")
-    return target

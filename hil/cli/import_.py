@@ -1,40 +1,20 @@
 """``hil import``: a record from elsewhere becomes a capture."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Unpack
 
 import typer
 
-from hil.cli.options import Json, Replace
+import hil
+from hil.cli.derived import with_options
+from hil.cli.options import Json
+from hil.interchange.options import LocalImportOptions
 
 Source = Annotated[Path, typer.Argument(metavar="FILE", help="Delimited text, or gzipped; .mat; Parquet.")]
-Target = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", help="Capture to write.  [default: the file's name with .arrow]"),
-]
-Map = Annotated[
-    str | None,
-    typer.Option("--map", "-m", help="Map of columns, units and rate for other layouts; a file or an example."),
-]
-Hold = Annotated[
-    Literal["zoh", "foh", "bandlimited"] | None,
-    typer.Option("--hold", help="What the drive did between samples.  [default: the map's, or zoh]"),
-]
-Nonuniform = Annotated[
-    bool,
-    typer.Option("--nonuniform", help="Accept uneven time, each step with its length, and gaps."),
-]
 
 
-def import_(
-    csv: Source,
-    out: Target = None,
-    map_name: Map = None,
-    hold: Hold = None,
-    nonuniform: Nonuniform = False,
-    replace: Replace = False,
-    json: Json = False,
-) -> None:
+@with_options(LocalImportOptions)
+def import_(source: Source, json: Json = False, **options: Unpack[LocalImportOptions]) -> None:
     """Turn a text, a MATLAB or a Parquet file into a capture that `hil replay` can run over.
 
     Columns are called t_s, vx_V, vy_V, ux_mps2, uy_mps2 (or _V, _N), and optionally rate_rad_s, temp_C;
@@ -47,16 +27,11 @@ def import_(
       hil import SNLS80mV.csv.gz --map silverbox -o silverbox.arrow
       hil import DATA_EMPS.mat --map emps
     """
-    from hil.bench.examples import find
-    from hil.cli.files import fresh
     from hil.cli.show import print_json, say
-    from hil.interchange.importer import import_file
     from hil.records.capture import missing
 
-    out = out or named_after(csv)
-    target = fresh(out, replace=replace, source=csv)
-    map_file = None if map_name is None else find("map", map_name)
-    imported = import_file(csv, target, map_file=map_file, hold=hold, nonuniform=nonuniform)
+    imported = hil.import_record(source, **options)
+    target = imported.path
     capture = imported.capture
     if json:
         figures = {
@@ -82,10 +57,3 @@ def import_(
             say(f"  {remark}")
         if imported.left_out:
             say(f"  left out, as no channel is called so: {', '.join(imported.left_out)}")
-
-
-def named_after(source: Path) -> Path:
-    """The capture's name where none is given: that of the file without what says its format."""
-    name = source.name.removesuffix(".gz")
-    ending = Path(name).suffix
-    return Path((name.removesuffix(ending) if ending[1:].isalpha() else name) + ".arrow")

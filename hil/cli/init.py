@@ -64,11 +64,11 @@ def init(
     from hil.bench import Bench, load_bench
     from hil.bench.examples import find
     from hil.bench.template import IN_MPS2, missing, put_in, template, values_of
-    from hil.cli.files import fresh
     from hil.cli.show import echo_figures, print_echo, print_json, say
     from hil.errors import InputError
     from hil.errors.strict_toml import parse_table, table_of
     from hil.records.atomic import write_text
+    from hil.records.kind import fresh
 
     if from_board != (link is not None):
         raise InputError("--from-board and --link belong together; give both or neither")

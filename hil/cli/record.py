@@ -1,26 +1,19 @@
 """``hil record``: a sensor that speaks its maker's framing, recorded and checked."""
 
-from typing import Annotated
+from typing import Annotated, Unpack
 
 import typer
 
 import hil
-from hil.cli.options import RUNS, Json, Note, Out, Report
+from hil.cli.derived import with_options
+from hil.cli.options import RUNS, Json, Out
+from hil.sensors.options import RecordOptions
 
 PortLink = Annotated[str, typer.Argument(metavar="LINK", help="NAME:PATH[?baud=N], NAME being an adapter.")]
-Seconds = Annotated[float, typer.Option("--duration", min=0.1, help="Seconds of the sensor's time.")]
-RunName = Annotated[str | None, typer.Option("--name", help="Name of the run folder.  [default: the adapter's]")]
 
 
-def record(
-    link: PortLink,
-    duration: Seconds = 10.0,
-    out: Out = RUNS,
-    name: RunName = None,
-    note: Note = None,
-    report: Report = True,
-    json: Json = False,
-) -> None:
+@with_options(RecordOptions)
+def record(link: PortLink, out: Out = RUNS, json: Json = False, **options: Unpack[RecordOptions]) -> None:
     """Record a sensor that outputs rates and has no drive, and check the record.
 
     The verdict counts checksum errors, gaps in the sensor's own counter, its status bits and its latency. report.html
@@ -39,10 +32,8 @@ def record(
     from hil.cli.show import finish, say
 
     try:
-        with watching(name or link.partition(":")[0]) as watch:
-            done = hil.record(
-                link, duration_s=duration, name=name, note=note, report=report, out=out, progress=watch
-            )  # fmt: skip
+        with watching(options.get("name") or link.partition(":")[0]) as watch:
+            done = hil.record(link, out=out, progress=watch, **options)
     except KeyboardInterrupt:
         say("the record was closed")
         raise

@@ -1,25 +1,20 @@
 """``hil replay``: today's estimator on yesterday's record."""
 
-from typing import Annotated, Literal
-
-import typer
+from typing import Unpack
 
 import hil
-from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out
-
-Backend = Annotated[
-    Literal["c", "numpy", "filterpy"] | None,
-    typer.Option("--backend", help="Compiled, or one of the slow oracles.  [default: the bench's]"),
-]
+from hil.cli.derived import with_options
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Out
+from hil.replaying.options import ReplayOptions
 
 
+@with_options(ReplayOptions)
 def replay(
     capture: CaptureArgument,
     bench: BenchOption = None,
     out: Out = RUNS,
-    name: Name = None,
-    backend: Backend = None,
     json: Json = False,
+    **options: Unpack[ReplayOptions],
 ) -> None:
     """Run the observer of a bench file over a record.
 
@@ -44,5 +39,5 @@ def replay(
     declared = load_bench(bench_file(bench, record, "replay"))
     prepare(declared)
     with watching("replay") as watch:
-        done = hil.replay(record, declared, name=name, backend=backend, out=out, progress=watch)
+        done = hil.replay(record, declared, out=out, progress=watch, **options)
     finish(done.path, as_json=json)

@@ -58,10 +58,10 @@ def run(
     from hil.cli.progress import watching
     from hil.cli.show import finish, question, show_identity
     from hil.errors import InputError
-    from hil.library.request import request_of
+    from hil.loop.request import request_of
 
-    if live and (dry_run or options.get("truth") or options.get("wire_log")):
-        raise InputError("--live: without --dry-run, --truth and --wire-log; give --truth to a hil emulate of its own")
+    if live and dry_run:
+        raise InputError("--live: without --dry-run, which records nothing to look at; leave one out")
     request = request_of(bench, options, link=link, dry_run=dry_run)
     declared, url = request.bench, request.link
     if not dry_run:
@@ -75,7 +75,7 @@ def run(
         if live:
             from hil.cli.run_live import run_live
 
-            finish(run_live(request, out, watch), as_json=json)
+            finish(run_live(request, options, out, watch), as_json=json)
         from hil.loop.run import run as run_loop
 
         done = run_loop(request, out, progress=watch)

@@ -11,14 +11,17 @@ from pathlib import Path
 from typing import Any
 
 from hil.boards.emulation import shown
+from hil.cli.derived import as_words
 from hil.errors import InputError
+from hil.loop.options import FileOptions, LocalRunOptions, RunOptions
 from hil.loop.request import RunRequest
+from hil.options import chosen
 from hil.progress import Progress, Watcher
 
 _END_S = 120.0
 
 
-def run_live(request: RunRequest, out: Path, progress: Watcher) -> Path:
+def run_live(request: RunRequest, options: LocalRunOptions, out: Path, progress: Watcher) -> Path:
     """The folder of the run, once it has ended; its consent has been given. Raises InputError where nothing was
     recorded.
 
@@ -26,13 +29,17 @@ def run_live(request: RunRequest, out: Path, progress: Watcher) -> Path:
     """
     from hil.client import connect
 
-    with _served(out, request.link) as said, connect(said["links"]["administer"]) as service:
+    shared: Any = {name: value for name, value in chosen(RunOptions, options).items() if value is not None}
+    with (
+        _served(out, request.link, as_words(FileOptions, options)) as said,
+        connect(said["links"]["administer"]) as service,
+    ):
         print(f"live: {said['links']['administer']}", file=sys.stderr, flush=True)
         _show(said["links"]["administer"])
         with service.board("hil run --live") as board:
             board.connect(shown(request.link))  # as a request names it: scenarios by name
             try:
-                run = board.start(request.bench, arm=True, open_loop=request.open_loop, note=request.note).id
+                run = board.start(request.bench, arm=True, **shared).id
                 _follow(service, run, progress)
             except KeyboardInterrupt:
                 board.stop()
@@ -51,10 +58,10 @@ def _follow(service: Any, run: str | None, progress: Watcher) -> None:
 
 
 @contextmanager
-def _served(out: Path, link: str) -> Iterator[dict[str, Any]]:
+def _served(out: Path, link: str, more: list[str]) -> Iterator[dict[str, Any]]:
     # A session of its own: Ctrl-C comes here, and the service is told in its own way.
     process = subprocess.Popen(
-        [sys.executable, "-m", "hil", "serve", "--port", "0", "--json", "--folder", str(out), "--link", link],
+        [sys.executable, "-m", "hil", "serve", "--port", "0", "--json", "--folder", str(out), "--link", link, *more],
         stdout=subprocess.PIPE,
         start_new_session=True,
     )

@@ -41,7 +41,7 @@ def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: 
     from hil.records.listing import listed
 
     if junit is not None:
-        from hil.cli.files import fresh
+        from hil.records.kind import fresh
 
         fresh(junit, replace=replace)
     found = list(listed(folder))

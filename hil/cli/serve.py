@@ -1,11 +1,13 @@
 """``hil serve``: the bench as a service."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Unpack
 
 import typer
 
+from hil.cli.derived import with_options
 from hil.cli.options import RUNS, Json
+from hil.loop.options import FileOptions
 
 Folder = Annotated[Path, typer.Option("--folder", "--out", "-o", help="Folder in which the run folders are.")]
 Port = Annotated[int, typer.Option("--port", "-p", min=0, max=65535, help="Port; 0 for any that is free.")]
@@ -28,6 +30,7 @@ Foxglove = Annotated[
 ]
 
 
+@with_options(FileOptions)
 def serve(
     folder: Folder = RUNS,
     port: Port = 8417,
@@ -40,6 +43,7 @@ def serve(
     link: Links = None,
     foxglove: Foxglove = None,
     json: Json = False,
+    **files: Unpack[FileOptions],
 ) -> None:
     """Serve the bench: a live page, the runs and traces that are there, an HTTP interface.
 
@@ -74,4 +78,5 @@ def serve(
             print(f"foxglove   ws://127.0.0.1:{begun.foxglove}", flush=True)
 
     names, links = tuple(name or ()), tuple(link or ())
-    serve_at(Where(folder, port, listen, insecure, tls_cert, tls_key, names, read_only, foxglove, links), tell)
+    where = Where(folder, port, listen, insecure, tls_cert, tls_key, names, read_only, foxglove, links, files)
+    serve_at(where, tell)

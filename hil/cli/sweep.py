@@ -2,30 +2,22 @@
 
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Unpack
 
 import typer
 
+from hil.cli.derived import with_options
 from hil.cli.options import RUNS, Json
+from hil.sweeping.options import LocalSweepOptions
 
 if TYPE_CHECKING:
     from hil.library.campaign import Sweep
     from hil.progress import Progress, Watcher
     from hil.sweeping.plan import Plan
+    from hil.sweeping.request import CampaignRequest
 
 CampaignArgument = Annotated[
     str, typer.Argument(metavar="CAMPAIGN", help="Campaign file, or the name of an example (s-slow-noise).")
-]
-Out = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", help="Folder of the results; one with part of them is filled.  [default: runs/NAME]"),
-]
-Workers = Annotated[
-    int | None, typer.Option("--workers", help="Processes on this machine.  [default: one for each processor]")
-]
-Scheduler = Annotated[
-    str | None,
-    typer.Option("--scheduler", help="Make the runs on the Dask cluster of this scheduler, tcp://HOST:8786."),
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="List what would be run; make nothing.")]
 Only = Annotated[
@@ -35,14 +27,13 @@ _LISTED = 20
 _SAY_EVERY_S = 30.0
 
 
+@with_options(LocalSweepOptions)
 def sweep(
     campaign: CampaignArgument,
-    out: Out = None,
-    workers: Workers = None,
-    scheduler: Scheduler = None,
     dry_run: DryRun = False,
     only: Only = None,
     json: Json = False,
+    **options: Unpack[LocalSweepOptions],
 ) -> None:
     """Run a campaign: one row of figures for each run.
 
@@ -61,20 +52,15 @@ def sweep(
       hil sweep my.campaign.toml --workers 2 --out runs/mine
       hil sweep my.campaign.toml --scheduler tcp://head:8786
     """
-    from hil.bench.examples import find
-    from hil.errors import InputError
-    from hil.sweeping.plan import read_plan
+    from hil.sweeping.request import request_of
 
-    plan = read_plan(find("campaign", campaign), called=campaign)
-    folder = out if out is not None else RUNS / plan.campaign.name
-    if workers is not None and scheduler is not None:
-        raise InputError("--workers: belongs to this machine; a cluster has its own, leave one out")
+    request = request_of(campaign, options)
     if dry_run:
-        _list(plan, folder, as_json=json)
+        _list(request.plan, request.folder, as_json=json)
     elif only is not None:
-        _again(plan, folder, only, as_json=json)
+        _again(request.plan, request.folder, only, as_json=json)
     else:
-        _carry_out(plan, folder, workers, scheduler, as_json=json)
+        _carry_out(request, as_json=json)
 
 
 def _list(plan: "Plan", folder: Path, *, as_json: bool) -> None:
@@ -103,22 +89,19 @@ def _short(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def _carry_out(plan: "Plan", folder: Path, workers: int | None, scheduler: str | None, *, as_json: bool) -> NoReturn:
+def _carry_out(request: "CampaignRequest", *, as_json: bool) -> NoReturn:
     from hil.cli.progress import watching
-    from hil.library.campaign import Sweep
+    from hil.library.campaign import carried_out
     from hil.sweeping.sweep import Stopped
-    from hil.sweeping.sweep import sweep as carry_out
 
+    plan, folder = request.plan, request.folder
     again = f"hil sweep {plan.called}" + (f" --out {folder}" if folder != RUNS / plan.campaign.name else "")
     with watching(plan.campaign.name, whole=True) as watch:
         try:
-            done = carry_out(plan, folder, workers=workers, scheduler=scheduler, progress=_told(watch))
+            found = carried_out(request, _told(watch))
         except Stopped as stopped:
             raise KeyboardInterrupt(f"{stopped}; `{again}` goes on") from None
-    found = Sweep(plan, folder)
-    if done.made:
-        (folder / "report.html").unlink(missing_ok=True)
-    _finish(plan, found, done.made, done.seconds, as_json=as_json)
+    _finish(plan, found, as_json=as_json)
 
 
 def _told(watch: "Watcher") -> "Watcher":
@@ -147,12 +130,13 @@ def _told(watch: "Watcher") -> "Watcher":
     return told
 
 
-def _finish(plan: "Plan", found: "Sweep", made: int, seconds: float, *, as_json: bool) -> NoReturn:
+def _finish(plan: "Plan", found: "Sweep", *, as_json: bool) -> NoReturn:
     from hil.cli.show import print_json
     from hil.errors.exit_codes import ExitCode
     from hil.errors.faults import is_fault
 
-    told = summary(plan, found) | {"made": made, "seconds": round(seconds, 1), "report": str(found.report())}
+    made = {"made": found.made, "seconds": round(found.seconds, 1), "report": str(found.report())}
+    told = summary(plan, found) | made
     if as_json:
         print_json(told)
     else:

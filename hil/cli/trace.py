@@ -1,32 +1,26 @@
 """``hil trace``: from the residual of a record to the effect that the model lacks."""
 
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-import hil
-from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Name, Out, Replace, Report
+from hil.cli.derived import with_options
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Out, Replace
+from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
     from hil.bench import Bench
-    from hil.library.tracing import Trace
     from hil.records.diagnosis import Diagnosis
+    from hil.tracing.request import TraceRequest
     from hil.tracing.separate import Asked
+    from hil.tracing.traced import Traced
 
 Add = Annotated[
     Path | None,
     typer.Option(
         "--add",
         help="Bench file to write: the one given, with the effect found, or the form of what is missing, in it.",
-    ),
-]
-Fraction = Annotated[
-    float | None,
-    typer.Option(
-        "--fraction",
-        help="Share of the record that is fitted; the rest only judges.  [default: the record's own segments, or 0.6]",
     ),
 ]
 Live = Annotated[
@@ -37,50 +31,22 @@ More = Annotated[
     list[Path] | None,
     typer.Argument(metavar="[CAPTURE …]", help="Further records of the same device, to be traced together with it."),
 ]
-Covariate = Annotated[
-    str | None,
-    typer.Option("--covariate", help="Number of each of several records that coefficients may depend on."),
-]
-HoldOut = Annotated[
-    list[str] | None,
-    typer.Option("--hold-out", help="Name of a record that only judges; repeatable.  [default: a third of them]"),
-]
-MissingForce = Annotated[
-    bool | None,
-    typer.Option(
-        "--missing-force/--no-missing-force",
-        help="Estimate the missing force without a name.  [default: where something is left and a report is drawn]",
-    ),
-]
-Also = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--also",
-        metavar="NAME[,NAME]",
-        help="Of a single axis, effects to try that are tried on request only; repeatable.",
-    ),
-]
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board for it; emulated ones need none.")]
 
 
+@with_options(TraceOptions)
 def trace(
     capture: CaptureArgument,
     bench: BenchOption = None,
     more: More = None,
-    covariate: Covariate = None,
-    hold_out: HoldOut = None,
     out: Out = RUNS,
-    name: Name = None,
     add: Add = None,
     replace: Replace = False,
-    fraction: Fraction = None,
     live: Live = False,
     link: Link = None,
     arm: Arm = False,
-    report: Report = True,
-    missing_force: MissingForce = None,
-    also: Also = None,
     json: Json = False,
+    **options: Unpack[TraceOptions],
 ) -> None:
     """Find the effect that the model lacks.
 
@@ -103,52 +69,61 @@ def trace(
       hil trace runs/first --bench s-undeclared --missing-force
       hil trace beam.arrow --bench beam.bench.toml --also hysteretic_stiffness,play
     """
-    from hil.bench import RateSensorBench, load_any_bench
-    from hil.cli.files import bench_file, capture_in, fresh
+    from hil.cli.files import bench_file, capture_in
     from hil.cli.own import prepare
     from hil.cli.progress import watching
     from hil.cli.show import say
     from hil.cli.show_diagnosis import finish
     from hil.errors import InputError
+    from hil.records.kind import fresh
+    from hil.tracing.request import request_of
+    from hil.tracing.trace import trace as trace_records
 
     if more and bench is None:
         raise InputError("--bench: missing; of several records, name the one for all of them")
     record = capture_in(capture)
     path = bench_file(bench, record, "trace")
-    declared = load_any_bench(path)
     if add is not None:
         fresh(add, replace=replace)
-    if isinstance(declared, RateSensorBench) and (add is not None or live):
-        raise InputError(f"{path}: a rate sensor, which no observer runs on; leave out --add and --live")
-    envelope = not isinstance(declared, RateSensorBench) and declared.device.sense.is_envelope
-    if envelope and (add is not None or live or more):
-        raise InputError(f"{path}: an envelope, which is traced by itself and run by no observer; leave out --add, "
-                         "--live and further records")  # fmt: skip
     if (arm or link is not None) and not live:
         raise InputError("--link and --arm belong to --live; give it, or leave them out")
-    if not isinstance(declared, RateSensorBench) and not envelope:
-        prepare(declared)
-    if more:
-        if live or missing_force or fraction is not None:
-            raise InputError("several records: they are held out whole, without --live and --missing-force; leave "
-                             "out these and --fraction")  # fmt: skip
-        among = _Among(covariate, tuple(hold_out or ()), tuple(also or ()))
-        _together([capture, *more], path, out, name, among, add, report=report, json=json)
-    if covariate is not None or hold_out:
-        raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
-    board = _board(link, path, declared, armed=arm) if live and not isinstance(declared, RateSensorBench) else None
+    request = request_of([record, *map(capture_in, more or ())], path, options)
+    observed = _observed(request, add=add is not None, live=live)
+    if observed is not None:
+        prepare(observed)
+    board = _board(link, path, observed, armed=arm) if live and observed is not None else None
     with watching("trace", whole=True) as watch:
-        done = hil.trace(
-            record, path, name=name, fraction=fraction, report=report, missing_force=missing_force, also=also or (),
-            out=out, progress=watch,
-        )  # fmt: skip
-    if also and not isinstance(declared, RateSensorBench) and declared.device.axes == 2:
+        done = trace_records(request, out, progress=watch)
+    if request.also and observed is not None and observed.device.axes == 2:
         say("--also: of two axes the whole catalogue is tried; leave it out")
-    taken = None if board is not None else record
-    if board is not None and not isinstance(declared, RateSensorBench):
-        done = _separated(done, declared, board, out, fraction, also or ())
+    if board is not None and observed is not None:
+        done = _separated(done, observed, board, out, options)
     written = add is not None and _added(done.diagnosis, path, add)
-    finish(done.path, done.diagnosis, as_json=json, added=add if written else None, record=taken)
+    taken = record if board is None and not more else None
+    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None, record=taken)
+
+
+def _observed(request: "TraceRequest", *, add: bool, live: bool) -> "Bench | None":
+    """The bench of `request` where an observer runs on it.  Raises InputError where one is asked for that does not, or
+    of several records.
+    """
+    from hil.bench import Bench
+    from hil.errors import InputError
+
+    bench = request.bench
+    if not isinstance(bench, Bench):
+        if add or live:
+            raise InputError(f"{request.called}: a rate sensor, which no observer runs on; leave out --add and --live")
+        return None
+    if bench.device.sense.is_envelope:
+        if add or live:
+            raise InputError(f"{request.called}: an envelope, which no observer runs on; leave out --add and --live")
+        return None
+    if len(request.captures) > 1 and live:
+        raise InputError("several records: they are held out whole, without --live; leave it out")
+    if len(request.captures) > 1 and add:
+        raise InputError("--add: of several records no bench file is written; copy what was found into [effects]")
+    return bench
 
 
 def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
@@ -175,42 +150,6 @@ def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
     return bool(written)
 
 
-class _Among(NamedTuple):
-    """Of several records: what varies from one to the next, who is held out, what is tried on request."""
-
-    covariate: str | None
-    hold_out: tuple[str, ...]
-    also: tuple[str, ...]
-
-
-def _together(
-    captures: list[Path],
-    bench: Path,
-    out: Path,
-    name: str | None,
-    among: _Among,
-    add: Path | None,
-    *,
-    report: bool,
-    json: bool,
-) -> NoReturn:
-    """Trace several records, and leave."""
-    from hil.cli.files import capture_in
-    from hil.cli.progress import watching
-    from hil.cli.show_diagnosis import finish
-    from hil.errors import InputError
-    from hil.tracing.pooling import trace_pool_files
-
-    if add is not None:
-        raise InputError("--add: of several records no bench file is written; copy what was found into [effects]")
-    with watching("trace", whole=True) as watch:
-        done = trace_pool_files(
-            [capture_in(each) for each in captures], bench, out, name=name, covariate=among.covariate,
-            held_out=among.hold_out, report=report, also=among.also, progress=watch,
-        )  # fmt: skip
-    finish(done.folder, done.diagnosis, as_json=json)
-
-
 def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> str:
     """The link of the board for the experiment, consent to arm it given."""
     from hil.boards.emulation import is_emulated, located
@@ -235,13 +174,10 @@ def _announced(asked: "Asked") -> None:
         have_it_turned(asked.turn)
 
 
-def _separated(
-    done: "Trace", bench: "Bench", board: str, out: Path, fraction: float | None, also: Sequence[str]
-) -> "Trace":
+def _separated(done: "Traced", bench: "Bench", board: str, out: Path, options: TraceOptions) -> "Traced":
     """What the last experiment came to; what was there before, where none was to be made."""
     from hil.cli.progress import watching
     from hil.cli.show import say
-    from hil.library.tracing import Trace
     from hil.tracing.separate import duration_for, last_traced, separable, separate, within_reach
 
     if not separable(done.diagnosis, bench):
@@ -258,8 +194,7 @@ def _separated(
             bench,
             board,
             out,
-            fraction=fraction,
-            also=also,
+            options=options,
             before_run=_announced,
             progress=watch,
         )
@@ -272,4 +207,4 @@ def _separated(
         if one.refused is not None:
             say(f"  cannot be traced: {one.refused}")
     last = last_traced(made)
-    return done if last is None else Trace(last.folder, last.diagnosis)
+    return last or done

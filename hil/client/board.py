@@ -4,11 +4,16 @@ import getpass
 import socket
 import threading
 import time
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from hil.errors import InputError
+from hil.library.keywords import takes
+from hil.loop.options import RunOptions
+from hil.options import body_of
 
 if TYPE_CHECKING:
     from hil.bench import Bench
@@ -86,11 +91,20 @@ class Board:
         """Let it go."""
         return self._ask("POST", "disconnect", None)
 
-    def start(self, bench: "Bench | Path | str | None" = None, *, arm: bool = False, **given: Any) -> Started:
+    @takes(RunOptions)
+    def start(
+        self,
+        bench: "Bench | Path | str | None" = None,
+        *,
+        arm: bool = False,
+        settings: Mapping[str, float] = MappingProxyType({}),
+        **options: Unpack[RunOptions],
+    ) -> Started:
         """Begin a run; `arm` is the consent to arming. `bench`: one of the service's by its name, a file here, or a
-        `Bench`; `given` is duration_s, clock, name, note, seed, open_loop, settings.
+        `Bench`; `settings`: as of `settings`, before it begins.
         """
-        said = self._ask("POST", "start", {**_named(bench), "consent": arm, **given})
+        asked = {**_named(bench), "consent": arm, "settings": dict(settings), **body_of(RunOptions, options)}
+        said = self._ask("POST", "start", asked)
         return Started(self._service, said["run"])
 
     def settings(self, **changed: float) -> dict[str, Any]:

@@ -3,18 +3,28 @@
 import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from hil.client.board import Board
 from hil.client.remote_run import RemoteRun
 from hil.client.requests import Requests, found
 from hil.client.stream import Frame, Stream
 from hil.errors import InputError
+from hil.interchange.options import ImportOptions
+from hil.library.keywords import takes
+from hil.loop.options import RunOptions
+from hil.options import body_of
+from hil.replaying.options import ReplayOptions
+from hil.sensors.options import RecordOptions
+from hil.sweeping.options import SweepOptions
+from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
     from hil.bench import Bench
 
+AnyRun = RemoteRun | str
 _LOOK_S = 0.2
 
 
@@ -66,6 +76,7 @@ class Service:
             run = newest["id"]
         return RemoteRun(self.requests, run, Path(self._place.name))
 
+    @takes(RunOptions)
     def run(
         self,
         bench: "Bench | Path | str | None" = None,
@@ -73,24 +84,63 @@ class Service:
         link: str | None = None,
         arm: bool = False,
         purpose: str = "hil.client",
-        **given: Any,
+        **options: Unpack[RunOptions],
     ) -> RemoteRun:
         """A run of the board, to its end: as `hil.run`, with the lease for as long. `arm` is the consent to arming."""
         with self.board(purpose) as board:
             if link is not None:
                 board.connect(link, bench if isinstance(bench, str) else None)
-            return board.start(bench, arm=arm, **given).finished()
+            return board.start(bench, arm=arm, **options).finished()
 
-    def trace(self, run: RemoteRun | str, **given: Any) -> dict[str, Any]:
-        """A trace of a run's record, made by the service: its diagnosis."""
-        row = self.job("trace", run=_id(run), **given)
+    @takes(RecordOptions)
+    def record(self, link: str, **options: Unpack[RecordOptions]) -> RemoteRun:
+        """A recording of a sensor that cannot be driven, by the service: as `hil.record`."""
+        return self.load(self.job("record", link=link, **body_of(RecordOptions, options))["result"]["run"])
+
+    @takes(ImportOptions)
+    def import_record(
+        self, source: Path | str, *, name: str = "imported", **options: Unpack[ImportOptions]
+    ) -> RemoteRun:
+        """A file of this machine becomes a record of the service; `mapping` is one here, or the name of one there."""
+        body = body_of(ImportOptions, options)
+        with ExitStack() as opened:
+            files = {"record": opened.enter_context(Path(source).open("rb"))}
+            if (given := options.get("mapping")) is not None and Path(given).is_file():
+                files["map"] = opened.enter_context(Path(given).open("rb"))
+                del body["map"]
+            upload = self.requests.json("POST", "/api/uploads", files=files)
+        return self.load(self.job("import", upload=upload["id"], name=name, **body)["result"]["run"])
+
+    @takes(SweepOptions)
+    def sweep(self, campaign: str, **options: Unpack[SweepOptions]) -> dict[str, Any]:
+        """A campaign file of the service, carried out there: what it came to."""
+        found: dict[str, Any] = self.job("sweep", campaign=campaign, **body_of(SweepOptions, options))["result"]
+        return found
+
+    @takes(TraceOptions)
+    def trace(
+        self, run: "AnyRun | Sequence[AnyRun]", bench: str | None = None, **options: Unpack[TraceOptions]
+    ) -> dict[str, Any]:
+        """A trace of a run's record, or of several together, made by the service: its diagnosis."""
+        runs = [_id(one) for one in run] if isinstance(run, list | tuple) else _id(run)  # type: ignore[arg-type]
+        asked = {} if bench is None else {"bench": bench}
+        row = self.job("trace", run=runs, **asked, **body_of(TraceOptions, options))
         answer: dict[str, Any] = self.requests.json("GET", f"/api/runs/{row['result']['run']}/diagnosis")
         return answer
 
-    def replay(self, run: RemoteRun | str, bench: str | None = None, **given: Any) -> RemoteRun:
+    @takes(ReplayOptions)
+    def replay(
+        self,
+        run: "AnyRun",
+        bench: str | None = None,
+        *,
+        effects_of: str | None = None,
+        **options: Unpack[ReplayOptions],
+    ) -> RemoteRun:
         """Today's estimator on a run's record, by the service."""
-        asked = {} if bench is None else {"bench": bench}
-        return self.load(self.job("replay", run=_id(run), **asked, **given)["result"]["run"])
+        given = {"bench": bench, "effects_of": effects_of}
+        asked = {name: value for name, value in given.items() if value is not None} | body_of(ReplayOptions, options)
+        return self.load(self.job("replay", run=_id(run), **asked)["result"]["run"])
 
     def diff(self, a: RemoteRun | str, b: RemoteRun | str) -> dict[str, Any]:
         """Two runs side by side."""

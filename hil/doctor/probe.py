@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.errors import told_to_user
+from hil.errors.ending import ending_of
 from hil.errors.exit_codes import ExitCode
-from hil.errors.faults import kept_fault
 from hil.loop import realtime
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -136,12 +135,10 @@ def main() -> int:
     try:
         print(json.dumps(probe(sys.argv[1], stream="--stream" in sys.argv[2:])))
     except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
-        if (message := told_to_user(error)) is None:
-            print(json.dumps({"error": kept_fault(error)}))
-            return ExitCode.FAULT
-        print(json.dumps({"error": message}))
-        return ExitCode.BAD_INPUT
-    return 0
+        ending = ending_of(error, keep=True)
+        print(json.dumps({"error": ending.line}))
+        return ending.code
+    return ExitCode.GOOD
 
 
 if __name__ == "__main__":

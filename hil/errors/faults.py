@@ -7,10 +7,13 @@ import traceback
 _OF_HIL = "a fault of hil"
 
 
-def fault_line(error: BaseException) -> str:
-    """What is said of an error that nobody but the authors can mend."""
-    said = " ".join(f"{type(error).__name__}: {error}".split()).rstrip(": ")
-    return f"{_OF_HIL}: {said}"
+def fault_line(error: BaseException, *, said: bool = True) -> str:
+    """What is said of an error that nobody but the authors can mend; `said`: with its own words, which a client of a
+    service need not know.
+    """
+    words = f"{type(error).__name__}: {error if said else ''}"
+    told = " ".join(words.split()).rstrip(": ")
+    return f"{_OF_HIL}: {told}"
 
 
 def is_fault(said: str | None) -> bool:

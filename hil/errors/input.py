@@ -40,8 +40,10 @@ class InputError(ValueError):
     The message is one line that names the place and the remedy, e.g.
     ``ride.csv:17: column vy_V: 'abc' is not a number; correct or remove the row``.
     The command line prints it and exits with 2.  Where the message speaks of a function's arguments, `typed` is the
-    same with the options of the command line, which prints that.
+    same with the options of the command line, which prints that.  `status` is that of an answer over HTTP.
     """
+
+    status = 400
 
     def __init__(self, message: str, *, typed: str | None = None) -> None:
         line = printable(" ".join(message.split()))

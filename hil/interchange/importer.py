@@ -21,6 +21,7 @@ from hil.interchange.parquet import ParquetSource, is_parquet
 from hil.interchange.preparation import prepared
 from hil.interchange.read_back import read_back
 from hil.interchange.record_time import Remedies, numbered_rows, time_of
+from hil.interchange.request import ImportRequest
 from hil.interchange.source import Selection, Source, Table, Wanted
 from hil.interchange.suspicious import require_finite, require_measured, require_no_thousands
 from hil.interchange.text_source import TextSource
@@ -32,9 +33,10 @@ PLAIN = RecordMap(hold="zoh")
 
 
 class Imported(NamedTuple):
-    """The capture read back; rows of the source that were gone through; columns of it that no channel is; what was
-    done to the record."""
+    """Where the capture is, and it read back; rows of the source that were gone through; columns of it that no channel
+    is; what was done to the record."""
 
+    path: Path
     capture: Capture
     of_rows: int
     left_out: tuple[str, ...]
@@ -49,39 +51,31 @@ def import_record(
     hold: Hold | None = None,
     nonuniform: bool = False,
 ) -> Capture:
-    """Turn the record `source` (delimited text, plain or gzipped; MATLAB; Parquet) into the capture `target`, and
-    return it read back; see `import_file`.
-    """
-    return import_file(source, target, map_file=map_file, hold=hold, nonuniform=nonuniform).capture
+    """Turn the record `source` into the capture `target`, and return it read back; see `import_file`."""
+    return import_file(ImportRequest(source, target, map_file, hold, nonuniform)).capture
 
 
-def import_file(
-    source: Path,
-    target: Path,
-    *,
-    map_file: Path | None = None,
-    hold: Hold | None = None,
-    nonuniform: bool = False,
-) -> Imported:
-    """The same, with what there is to tell of it.
+def import_file(request: ImportRequest) -> Imported:
+    """Turn a record (delimited text, plain or gzipped; MATLAB; Parquet; what a package reads) into a capture.
 
-    Without `map_file`, or without [columns] in it, names of columns are the interchange ones: t_s, vx_V, vy_V,
+    Without a map, or without [columns] in it, names of columns are the interchange ones: t_s, vx_V, vy_V,
     ux_mps2, uy_mps2 (or _V, _N), and optionally rate_rad_s, temp_C; a single-axis record leaves out y. `hold` says what
     the drive did between samples: by default what the map says, or zoh. Time must increase, and be even unless
     `nonuniform`; samples that are missing leave a gap in `tick`, where nothing is known of the drive. A Parquet or
     MATLAB file that `hil export` wrote of a capture comes back as it was, without a map.
 
-    Raises InputError with file, line or column, and the remedy; `target` is then left as it was.
+    Raises InputError with file, line or column, and the remedy; the target is then left as it was.
     """
+    target, map_file, hold = request.target, request.map_file, request.hold
     mapping = None if map_file is None else read_map(map_file)
-    opened = open_source(source, mapping or PLAIN, map_file)
+    opened = open_source(request.source, mapping or PLAIN, map_file)
     may_be_own = mapping is None and hold is None
     if may_be_own and isinstance(opened, ParquetSource | MatlabSource) and (own := opened.exported):
         capture = read_back(opened, own, target)
-        return Imported(capture, len(capture), ())
+        return Imported(target, capture, len(capture), ())
     if hold is None and mapping is None and isinstance(opened, ParquetSource):
         hold = opened.hold
-    return import_from(opened, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform)
+    return import_from(opened, target, mapping, map_file=map_file, hold=hold, nonuniform=request.nonuniform)
 
 
 def open_source(
@@ -192,7 +186,7 @@ def _written(
     capture = read_capture(target)
     moved = None if stamps is None or mapping.steady else stamps.moved_from()
     told = () if moved is None else (f"t_s starts at 0, which is {moved} in {source.called}",)
-    return Imported(capture, table.of, asked.left_out, (*told, *capture.prepared))
+    return Imported(target, capture, table.of, asked.left_out, (*told, *capture.prepared))
 
 
 def _of_where(source: Source, name: str) -> int:

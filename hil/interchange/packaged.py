@@ -7,6 +7,7 @@ The function takes a path and returns the file's columns, arrays (n,) by name; t
 what the columns are (a map), time, gaps, units.
 """
 
+import re
 from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import entry_points
 from pathlib import Path
@@ -44,6 +45,11 @@ class PackagedSource(ArraySource):
     def place(self, row: int, column: str) -> str:
         """File, row from 1 and column."""
         return f"{self.called}: row {row + 1}: column {column}"
+
+
+def endings() -> tuple[str, ...]:
+    """How names of files end that packages read, with the dot."""
+    return tuple(sorted({f".{one.name}" for one in entry_points(group=GROUP) if re.fullmatch("[a-z0-9]+", one.name)}))
 
 
 def reader_of(path: Path) -> Reader | None:

@@ -55,7 +55,7 @@ def write_capture(
     columns: Mapping[str, npt.ArrayLike],
     target: Path,
     *,
-    hold: Hold = "zoh",
+    hold: Hold | None = None,
     nonuniform: bool = False,
     map_file: Path | None = None,
 ) -> None:
@@ -68,6 +68,5 @@ def write_capture(
     mapping = None if map_file is None else read_map(map_file)
     if mapping is not None:
         require_keys_act(mapping, ArraySource.kind, CALLED, map_file)
-    own = mapping.hold if mapping is not None and hold == "zoh" else hold
     source = ArraySource(columns, CALLED)
-    import_from(source, target, mapping, map_file=map_file, hold=own, nonuniform=nonuniform, remedies=_REMEDIES)
+    import_from(source, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform, remedies=_REMEDIES)

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hil.errors import InputError
+from hil.progress import Watcher
 from hil.sweeping.plan import Plan
 
 if TYPE_CHECKING:
@@ -12,15 +13,21 @@ if TYPE_CHECKING:
     import pyarrow
 
     from hil.sweeping.dependence import Dependence
+    from hil.sweeping.request import CampaignRequest
     from hil.sweeping.worst import Worst
 
 
 class Sweep:
-    """The results of a campaign in a folder. What is large is read when asked for."""
+    """The results of a campaign in a folder. What is large is read when asked for.
 
-    def __init__(self, plan: Plan, folder: Path) -> None:
+    Attributes:
+        made, seconds: how many of its runs were made just now, and in how long.
+    """
+
+    def __init__(self, plan: Plan, folder: Path, made: int = 0, seconds: float = 0.0) -> None:
         self._plan = plan
         self._folder = folder
+        self.made, self.seconds = made, seconds
 
     @property
     def path(self) -> Path:
@@ -72,3 +79,17 @@ class Sweep:
 
     def __repr__(self) -> str:
         return f"<Sweep {self._folder}: {len(self.table)} of {len(self._plan)} runs>"
+
+
+def carried_out(request: "CampaignRequest", progress: Watcher) -> Sweep:
+    """Make what the folder lacks; a page of what was there before is taken away.  Raises as `hil.sweep`, and `Stopped`
+    on Ctrl-C.
+    """
+    from hil.sweeping.sweep import sweep
+
+    done = sweep(
+        request.plan, request.folder, workers=request.workers, scheduler=request.scheduler, progress=progress
+    )  # fmt: skip
+    if done.made:
+        (request.folder / "report.html").unlink(missing_ok=True)
+    return Sweep(request.plan, request.folder, done.made, done.seconds)

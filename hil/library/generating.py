@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 from hil.bench import Bench
 from hil.bench import load_bench as bench_at
+from hil.bench.examples import bench_file
 from hil.boards.identity import identity_at
-from hil.library.places import bench_file, path_of
+from hil.errors.arguments import path_of
 from hil.library.words import said_of_arguments
 from hil.wire.messages import Identity
 from hil.wire.spec import SPEC

@@ -1,38 +1,14 @@
 """Keywords of a function that are declared once, elsewhere: in its signature and its help, refused where unknown."""
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import wraps
-from typing import Annotated, Any, NamedTuple, ParamSpec, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, ParamSpec, TypeVar
 
-from hil.loop.options import Help
+from hil.options import Keyword, keywords_of
 
 _Given = ParamSpec("_Given")
 _Answer = TypeVar("_Answer")
-
-
-class Keyword(NamedTuple):
-    """One option: its name, its type, its limits, its help, and what it is where it is not given."""
-
-    name: str
-    type: Any
-    limits: tuple[Any, ...]
-    help: str
-    default: Any
-
-
-def keywords_of(options: type) -> Iterator[Keyword]:
-    """The options that a TypedDict declares, in its order."""
-    for name, hint in get_type_hints(options, include_extras=True).items():
-        kind, *said = get_args(hint)
-        inner = next((one for one in get_args(kind) if get_origin(one) is Annotated), None)
-        limits = () if inner is None else get_args(inner)[1:]
-        bare = kind if inner is None else get_args(inner)[0] | None
-        yield Keyword(name, bare, limits, next(str(one) for one in said if isinstance(one, Help)), _default(bare))
-
-
-def _default(kind: Any) -> Any:
-    return False if kind is bool else None
 
 
 def with_keywords(

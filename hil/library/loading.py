@@ -3,8 +3,9 @@
 from pathlib import Path
 
 from hil.errors import InputError
+from hil.errors.arguments import path_of
 from hil.library.finished_run import Run
-from hil.library.places import folder_of, path_of
+from hil.library.places import folder_of
 from hil.library.tracing import Trace
 from hil.library.words import said_of_arguments
 from hil.records.listing import named_trace

@@ -5,48 +5,41 @@ folder or a capture, or as arrays by the names of an interchange CSV.  Whatever 
 one line that names the place and the remedy.
 """
 
-import math
 import sys
-import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from numbers import Integral, Real
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Unpack, get_args
+from typing import TYPE_CHECKING, Any, Unpack, cast, get_type_hints
 
-import numpy.typing as npt
-
-from hil.bench import Bench, RateSensorBench, load_any_bench
+from hil.bench import Bench
 from hil.bench import load_bench as bench_at
-from hil.bench.examples import find
+from hil.bench.examples import bench_file
 from hil.errors import InputError, printable
-from hil.errors.strict_toml import parse_table
-from hil.library.arrays import CALLED, Table, columns_of, write_capture
+from hil.errors.arguments import names_of, path_of, require
+from hil.interchange.options import ImportOptions, LocalImportOptions
 from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
+from hil.library.given import AnyBench, Record, Records, bench_for, captured, observed_bench_for
 from hil.library.keywords import takes
 from hil.library.live import Live
 from hil.library.loading import load_trace
-from hil.library.places import bench_file, folder_of, path_of, require
-from hil.library.request import request_of, require_consent
-from hil.library.series import Series
+from hil.library.places import folder_of
 from hil.library.tracing import Trace
 from hil.library.words import in_arguments_of, renamed, said_of_arguments
 from hil.loop.options import LocalRunOptions
+from hil.loop.request import request_of, require_consent
 from hil.progress import Progress, Watcher
-from hil.records.capture import Hold
 from hil.records.listing import RUNS
 from hil.records.methods import Methods
-from hil.records.runfolder import RunFolder, bench_of_record
+from hil.records.runfolder import RunFolder
+from hil.replaying.options import ReplayOptions
 from hil.scoring.diff import Comparison
-from hil.verdict.next_step import PASSING
+from hil.sensors.options import RecordOptions
+from hil.sweeping.options import LocalSweepOptions
+from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
-    from estimator.backend import Backend
-    from hil.sweeping.campaign import Campaign
-
-AnyBench = Bench | RateSensorBench | Path | str
-Record = Run | Path | str | Mapping[str, npt.ArrayLike] | Table
+    from hil.interchange.importer import Imported
+    from hil.sweeping.request import AnyCampaign
 
 
 def alarms_only(progress: Progress) -> None:
@@ -124,115 +117,94 @@ def open_live(
 
 
 @said_of_arguments
+@takes(RecordOptions)
 def record(
-    link: str,
-    *,
-    duration_s: float = 10.0,
-    name: str | None = None,
-    note: str | None = None,
-    report: bool = True,
-    out: Path | str = RUNS,
-    progress: Watcher = alarms_only,
+    link: str, *, out: Path | str = RUNS, progress: Watcher = alarms_only, **options: Unpack[RecordOptions]
 ) -> Run:
     """Record a sensor that puts out rates and cannot be driven, and check the record; a new run below `out`.
 
-    link: `NAME:PATH[?baud=N]`, NAME being that of an adapter (`hil.boards`).  duration_s: of the sensor's time.  name:
-    of the run, by default the adapter's.  Raises InputError or WireError where nothing was recorded;
-    KeyboardInterrupt is passed on after the record is closed.
+    link: `NAME:PATH[?baud=N]`, NAME being that of an adapter (`hil.boards`).  Raises InputError or WireError where
+    nothing was recorded; KeyboardInterrupt is passed on after the record is closed.
     """
     from hil.report.sensor import write_report
-    from hil.sensors.adapter import find_port
     from hil.sensors.record import record as record_port
+    from hil.sensors.request import request_of as recording
 
-    require("link", link, str, "a text such as stim300:/dev/ttyUSB0")
-    require("duration_s", duration_s, Real, "a number of seconds")
-    if not 0.0 < duration_s < math.inf:
-        raise InputError(f"--duration: {duration_s:g} s; give a time above 0")
-    folder = record_port(
-        find_port(link), link, path_of("out", out), name=name or link.partition(":")[0], seconds=duration_s, note=note,
-        progress=_watcher(progress), report=write_report if report else None,
-    )  # fmt: skip
-    return _run_at(folder)
+    request = recording(link, options)
+    return _run_at(record_port(request, path_of("out", out), progress=_watcher(progress), report=write_report))
 
 
 @said_of_arguments
+@takes(LocalImportOptions)
+def import_record(source: Path | str, **options: Unpack[LocalImportOptions]) -> "Imported":
+    """Turn a record from elsewhere into a capture, which the other verbs take by its `path`: delimited text, MATLAB,
+    Parquet, and what a package reads (`hil.importers`).  Raises InputError with file, line or column.
+    """
+    from hil.interchange.importer import import_file
+    from hil.interchange.request import request_of as importing
+
+    return import_file(importing(source, options))
+
+
+class ArrayReplayOptions(ReplayOptions, ImportOptions, total=False):
+    """What may be asked of a replay of a record that may be arrays."""
+
+
+@said_of_arguments
+@takes(ArrayReplayOptions)
 def replay(
     record: Record,
     bench: Bench | Path | str | None = None,
     *,
-    name: str | None = None,
-    backend: "Backend | None" = None,
-    hold: Hold = "zoh",
-    nonuniform: bool = False,
-    mapping: str | Path | None = None,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
+    **options: Unpack[ArrayReplayOptions],
 ) -> Run:
-    """Run the observer of a bench over a record; a new run below `out`.  bench: default that of a run.  hold: what the
-    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.
-    mapping: the map that says which array is what.
+    """Run the observer of a bench over a record; a new run below `out`.  bench: default that of a run.  `mapping`,
+    `hold` and `nonuniform` are for arrays.
     """
     from hil.replaying.replay import replay as replay_record
 
-    declared = _bench_for(record, bench)
-    if isinstance(declared, RateSensorBench):
-        raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
-    declared = declared.with_(loop={"name": name or f"{declared.loop.name}-replay"})
-    with _captured(record, hold, nonuniform, mapping) as capture:
-        done = replay_record(capture, declared, path_of("out", out), backend=backend, progress=_watcher(progress))
+    declared = observed_bench_for(record, bench, options.get("name") or "{}-replay")
+    with captured(record, _of_arrays(options)) as (capture,):
+        done = replay_record(
+            capture, declared, path_of("out", out), backend=options.get("backend"), progress=_watcher(progress)
+        )  # fmt: skip
     return _run_at(done.folder)
+
+
+class ArrayTraceOptions(TraceOptions, ImportOptions, total=False):
+    """What may be asked of a trace of records that may be arrays."""
 
 
 @said_of_arguments
 @renamed(force="missing_force")
+@takes(ArrayTraceOptions)
 def trace(
-    record: Record,
+    record: Records,
     bench: AnyBench | None = None,
     *,
-    fraction: float | None = None,
-    name: str | None = None,
-    hold: Hold = "zoh",
-    nonuniform: bool = False,
-    mapping: str | Path | None = None,
-    report: bool = True,
-    missing_force: bool | None = None,
-    also: str | Sequence[str] = (),
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
+    **options: Unpack[ArrayTraceOptions],
 ) -> Trace:
-    """Find the effect that the model lacks on a record; the answer is kept below `out`.
+    """Find the effect that the model lacks on a record, or on those of a list together; the answer is kept below `out`.
 
-    bench: default that of a run.  fraction: share of the record that is fitted, the rest only judges.  hold: what the
-    drive of arrays does between samples.  nonuniform: whether the time of arrays may be uneven.  mapping: the map
-    that says which array is what.  missing_force: whether the missing force is estimated without a name, by default
-    where something is left and a page is drawn.  also: effects to try that a trace tries on request only, a name or
-    several.
+    bench: default that of a run.  `mapping`, `hold` and `nonuniform` are for arrays.
     """
-    from hil.tracing.trace import trace as trace_record
-    from hil.tracing.trace import trace_file
+    from hil.tracing.request import request_of as tracing
+    from hil.tracing.trace import trace as trace_records
 
-    require("fraction", fraction, Real | None, "a number")
-    asked_for, place, watcher = _names("also", also), path_of("out", out), _watcher(progress)
-    declared = _bench_for(record, bench)
-    with _captured(record, hold, nonuniform, mapping) as capture:
-        if isinstance(declared, RateSensorBench):
-            if not isinstance(bench, str | Path):
-                raise InputError(f"{declared.device.name}: a rate sensor; give the path of its bench file")
-            done = trace_file(
-                capture, bench_file("bench", bench), place,
-                name=name, fraction=fraction, report=report, missing_force=missing_force, also=asked_for,
-                progress=watcher,
-            )  # fmt: skip
-        else:
-            declared = declared.with_(loop={"name": name or f"{declared.loop.name}-trace"})
-            done = trace_record(
-                capture, declared, place, fraction=fraction, report=report, missing_force=missing_force, also=asked_for,
-                progress=watcher,
-            )  # fmt: skip
+    place, watcher = path_of("out", out), _watcher(progress)
+    asked: Any = {key: value for key, value in options.items() if key not in get_type_hints(ImportOptions)}
+    declared = bench_for(record, bench)
+    with captured(record, _of_arrays(options)) as captures:
+        done = trace_records(tracing(captures, declared, asked), place, progress=watcher)
     return Trace(done.folder, done.diagnosis)
 
 
 @said_of_arguments
+@takes(ImportOptions)
 def compare(
     record: Record,
     bench: Bench | Path | str | None = None,
@@ -241,29 +213,23 @@ def compare(
     link: str | None = None,
     trace: Trace | Path | str | None = None,
     name: str | None = None,
-    hold: Hold = "zoh",
-    nonuniform: bool = False,
-    mapping: str | Path | None = None,
     report: bool = True,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
+    **arrays: Unpack[ImportOptions],
 ) -> Methods:
     """Run every method over a record, a row each: the observers with each gain, the prior art, the bound; the answer is
     kept below `out`.
 
     bench: default that of a run.  truth: what the emulated board of the record wrote; without it the record's rate
     channel is the reference.  link: an emulated board for the methods that close the loop themselves.  trace: of the
-    record, whose effect the 13 states carry.  hold: what the drive of arrays does between samples.  nonuniform: whether
-    the time of arrays may be uneven.  mapping: the map that says which array is what.
+    record, whose effect the 13 states carry.  `mapping`, `hold` and `nonuniform` are for arrays.
     """
     from hil.methods.comparing import compare as compare_record
 
-    declared = _bench_for(record, bench)
-    if isinstance(declared, RateSensorBench):
-        raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
-    declared = declared.with_(loop={"name": name or f"{declared.loop.name}-compare"})
+    declared = observed_bench_for(record, bench, name or "{}-compare")
     found = None if trace is None else load_trace(trace).diagnosis
-    with _captured(record, hold, nonuniform, mapping) as capture:
+    with captured(record, arrays) as (capture,):
         done = compare_record(
             capture, declared, path_of("out", out),
             truth=None if truth is None else path_of("truth", truth), link=link,
@@ -300,40 +266,22 @@ def export(
     file, place = path_of("target", target), folder_of("record", record)
     if file.exists():
         raise InputError(f"{file}: exists already; give another name, or remove it")
-    write(place, file, format_for(file, to), _names("what", what))
+    write(place, file, format_for(file, to), names_of("what", what))
     return file
 
 
 @said_of_arguments
-def sweep(
-    campaign: "Campaign | Mapping[str, object] | Path | str",
-    *,
-    out: Path | str | None = None,
-    workers: int | None = None,
-    scheduler: str | None = None,
-    progress: Watcher = alarms_only,
-) -> Sweep:
+@takes(LocalSweepOptions)
+def sweep(campaign: "AnyCampaign", *, progress: Watcher = alarms_only, **options: Unpack[LocalSweepOptions]) -> Sweep:
     """Carry out a campaign, or what is left of it: a file, or what would stand in one.
 
-    out: the folder of the results, by default runs/NAME; one that holds part of the same campaign is gone on in.
-    workers: processes on this machine, by default one for each processor.  scheduler: address of a Dask scheduler,
-    whose workers make the runs instead.  Raises InputError that names the key; whatever ends it, what is done is kept.
+    A folder `out` that holds part of the same campaign is gone on in.  Raises InputError that names the key; whatever
+    ends it, what is done is kept.
     """
-    from hil.sweeping.campaign import Campaign
-    from hil.sweeping.plan import plan_of, read_plan
-    from hil.sweeping.sweep import sweep as carry_out
+    from hil.library.campaign import carried_out
+    from hil.sweeping.request import request_of as sweeping
 
-    if isinstance(campaign, str | Path):
-        plan = read_plan(find("campaign", str(campaign)), called=str(campaign))
-    else:
-        known = campaign if isinstance(campaign, Campaign) else parse_table(campaign, Campaign, "the campaign")
-        plan = plan_of(known, known.name)
-    folder = RUNS / plan.campaign.name if out is None else path_of("out", out)
-    require("workers", workers, Integral | None, "a whole number")
-    done = carry_out(plan, folder, workers=workers, scheduler=scheduler, progress=_watcher(progress))
-    if done.made:
-        (folder / "report.html").unlink(missing_ok=True)
-    return Sweep(plan, folder)
+    return carried_out(sweeping(campaign, options), _watcher(progress))
 
 
 @said_of_arguments
@@ -351,50 +299,9 @@ def _run_at(folder: Path | None) -> Run:
     return Run(RunFolder.open(folder))
 
 
-def _bench_for(record: Record, bench: AnyBench | None) -> Bench | RateSensorBench:
-    if isinstance(bench, Bench | RateSensorBench):
-        return bench
-    if bench is not None:
-        return load_any_bench(bench_file("bench", bench))
-    if isinstance(record, Run):
-        return record.bench
-    if isinstance(record, str | Path) and (own := bench_of_record(folder_of("record", record))) is not None:
-        return load_any_bench(own)
-    raise InputError("no bench: give the bench file that declares the device of this record")
-
-
-@contextmanager
-def _captured(record: Record, hold: Hold, nonuniform: bool, mapping: str | Path | None) -> Iterator[Path]:
-    """The capture of a record; of arrays one that lasts as long as it is needed, and that no error names."""
-    holds = get_args(Hold)
-    if hold not in holds:
-        raise InputError(f"hold: expected {', '.join(holds[:-1])} or {holds[-1]}, not {hold!r}")
-    if (columns := columns_of(record)) is None:
-        if mapping is not None:
-            raise InputError("mapping: is for arrays; a file is imported by its map, and the capture given here")
-        wanted = "a Run, the path of a run folder or of a capture, or arrays by name"
-        place_of = folder_of("record", record, wanted)
-        yield place_of / "capture.arrow" if place_of.is_dir() else place_of
-        return
-    with tempfile.TemporaryDirectory(prefix=PASSING) as place:
-        capture = Path(place) / "arrays.arrow"
-        own: Any = record.header.get("hold", hold) if isinstance(record, Series) else hold
-        map_file = None if mapping is None else find("map", str(path_of("mapping", mapping)))
-        write_capture(columns, capture, hold=own, nonuniform=nonuniform, map_file=map_file)
-        try:
-            yield capture
-        except InputError as error:
-            raise InputError(str(error).replace(str(capture), CALLED)) from None
-
-
-def _names(argument: str, given: str | Sequence[str]) -> Sequence[str]:
-    """One name or several, as a sequence.  Raises InputError for anything else."""
-    if isinstance(given, str):
-        return (given,)
-    require(argument, given, Sequence, "a name or a list of names")
-    for one in given:
-        require(argument, one, str, "names")
-    return given
+def _of_arrays(options: Mapping[str, Any]) -> ImportOptions:
+    """Of the options those by which arrays are understood."""
+    return cast(ImportOptions, {key: options[key] for key in get_type_hints(ImportOptions) if key in options})
 
 
 def _watcher(progress: Watcher) -> Watcher:

@@ -20,7 +20,8 @@ from hil.bench import Bench
 from hil.bench.by_verb import require_usable
 from hil.bench.template import template, values_of
 from hil.boards.emulation import Served, served
-from hil.errors import InputError, told_to_user
+from hil.errors import InputError
+from hil.errors.ending import line_of
 from hil.loop.request import RunRequest
 from hil.loop.stops import alarm_of
 from hil.loop.supervision import as_raised, supervise, worker_process
@@ -124,7 +125,7 @@ def run(
         except Interrupted as interruption:
             raise Interrupted(f"{said}; {interruption}") from None
         except OSError as error:
-            why = told_to_user(error) or str(error)
+            why = line_of(error)
             there = on_disk(RunFolder(folder).capture_path).told
             raise InputError(f"{why}; {said}; {there}, in {folder.name}, without figures") from None
     if ended.interrupted:

@@ -20,9 +20,8 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from hil.bench import Bench
-from hil.errors import told_to_user
+from hil.errors.ending import ending_of, line_of
 from hil.errors.exit_codes import ExitCode
-from hil.errors.faults import kept_fault
 from hil.loop import realtime
 from hil.loop.control import LOOKS_PER_S, Control
 from hil.loop.load import LoadMeter
@@ -40,7 +39,6 @@ if TYPE_CHECKING:
     from hil.loop.skeleton import Loop
     from hil.records.recorder import Recording, Track
 
-INTERRUPTED = 130
 REPORTS = 200  # progress lines over a run in lockstep; else they come as the board is asked for its time
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 _COVARIANCE_ROWS = {"covariance": 1 << 10}  # which are long, and few
@@ -330,7 +328,7 @@ class _Driven:
             if isinstance(failed, ProtocolError):
                 loop.safety.broke = str(failed)
         elif failed is not None:  # of a file: the record is part of the run
-            loop.safety.recorder = told_to_user(failed) or str(failed)
+            loop.safety.recorder = line_of(failed)
             self.stopped = f"the record ended: {loop.safety.recorder}"
         elif loop.wrong:
             self.stopped = f"nothing was driven: {loop.wrong}"
@@ -428,19 +426,20 @@ def main() -> int:
         import_module(module)
     order = Order.read()
     if order is None:  # an early Ctrl-C: nobody is left to be told
-        return INTERRUPTED
+        return ExitCode.INTERRUPTED
     try:
         outcome = work(order)
     except InterruptedError:  # nobody is left to be told
-        return 1
+        return ExitCode.INTERRUPTED
     except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
-        if (message := told_to_user(error)) is None:
-            tell(fault=kept_fault(error))
-            return ExitCode.FAULT
-        tell(error=_kinds(error), message=message)
-        return ExitCode.BAD_INPUT
+        ending = ending_of(error, keep=True)
+        if ending.code is ExitCode.FAULT:
+            tell(fault=ending.line)
+        else:
+            tell(error=_kinds(error), message=ending.line)
+        return ending.code
     tell(outcome=outcome)
-    return 0
+    return ExitCode.GOOD
 
 
 if __name__ == "__main__":

@@ -39,7 +39,7 @@ from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
 from hil.scoring.score import require_reach, require_same_run, truth_in
 from hil.tracing.addition import additions
-from hil.tracing.trace import called
+from hil.tracing.traced import called
 
 
 @dataclass(frozen=True)

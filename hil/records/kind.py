@@ -28,3 +28,21 @@ def require_unowned(file: Path, place: str = "") -> None:
     if kind and file.exists():
         owner = f"part of {kind}, {file_here.parent.name}"
         raise InputError(f"{place}{file}: is {owner}, and is not written over; give another name")
+
+
+def fresh(target: Path, *, replace: bool = False, source: Path | None = None, place: str = "") -> Path:
+    """``target`` itself; `InputError` where it exists, since nothing is overwritten unasked: `replace` asks for it.
+
+    Never overwritten is what a run or a trace is made of, nor `source`, from which the file is made; `place` is put in
+    front of its name.
+    """
+    if not target.exists():
+        return target
+    if source is not None and source.exists() and target.samefile(source):
+        raise InputError(f"{place}{target}: is what is read; give another name")
+    require_unowned(target, place)
+    if not target.is_file():
+        raise InputError(f"{place}{target}: exists already; give another name")
+    if not replace:
+        raise InputError(f"{place}{target}: exists already; give another name, or --replace")
+    return target

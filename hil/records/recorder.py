@@ -25,6 +25,7 @@ from typing import Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
+from hil.errors.exit_codes import ExitCode
 from hil.records.layout import Layout
 from hil.records.pyramid import KINDS, Pyramid
 from hil.records.ring import Ring
@@ -350,7 +351,7 @@ def serve() -> None:
     """
     line = sys.stdin.buffer.readline()
     if not line.endswith(b"\n"):  # whoever was to say it has gone, as by an early Ctrl-C
-        sys.exit(130)
+        sys.exit(ExitCode.INTERRUPTED)
     order = json.loads(line)
     at = ""
     try:
@@ -368,7 +369,7 @@ def serve() -> None:
                 file.drain()
     except OSError as error:
         print(f"{at}: {_why(error)}", file=sys.stderr, flush=True)
-        os._exit(1)  # at once: the board is driven until this is seen; what is written is the kernel's
+        os._exit(ExitCode.BAD_INPUT)  # at once: the board is driven until this is seen; what is written is the kernel's
     failed = ""
     for file in files:
         try:
@@ -379,7 +380,7 @@ def serve() -> None:
         file.close_pyramid()
     if failed:
         print(failed, file=sys.stderr, flush=True)
-        os._exit(1)  # what could not be closed would only fail again, and say more
+        os._exit(ExitCode.BAD_INPUT)  # what could not be closed would only fail again, and say more
 
 
 if __name__ == "__main__":

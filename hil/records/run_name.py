@@ -1,8 +1,16 @@
 """What a run may be called: its folder is named so, on every file system and in every shell."""
 
 import re
+from typing import Annotated
+
+from annotated_types import MaxLen
+
+from hil.options import Help, Like
 
 RUN_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+RunNameOption = Annotated[
+    Annotated[str, MaxLen(60), Like(RUN_NAME)] | None, Help("Last part of the run's name; by default the bench's.")
+]
 _MOST = 100
 
 

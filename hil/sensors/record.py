@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from hil.progress import Progress, Watcher
-from hil.records.atomic import make_run_folder, require_name
+from hil.records.atomic import make_run_folder
 from hil.records.layout import Layout
 from hil.records.occupied import occupied
 from hil.records.rates import rates_layout, sensor_figures
@@ -18,7 +18,8 @@ from hil.records.result import Result, Sensor, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter
 from hil.records.summary import lost_samples
-from hil.sensors.adapter import Adapter, Port
+from hil.sensors.adapter import Adapter
+from hil.sensors.request import RecordRequest
 from hil.sensors.ticks import TickCounter
 from hil.wire.errors import LinkError, WireError
 from hil.wire.link import Link
@@ -37,39 +38,37 @@ _REPORT_S = 0.2
 
 
 def record(
-    port: Port,
-    link: str,
+    request: RecordRequest,
     out: Path,
     *,
-    name: str,
-    seconds: float,
-    note: str | None,
     progress: Watcher,
     report: Callable[[Path], object] | None = None,
 ) -> Path:
-    """Record `seconds` of the sensor behind `port` into a new run folder below `out`; returns the folder.
+    """Record the sensor of `request` into a new run folder below `out`; returns the folder.
 
-    `report` is called with the folder once all is in it, also of a recording that was interrupted.
+    `report` is called with the folder once all is in it, also of a recording that was interrupted, where a page is
+    asked for.
 
     A recording that is interrupted or falls silent keeps what it has and says so. Raises LinkError, and leaves
     nothing, when the port cannot be opened or no datagram comes; KeyboardInterrupt is passed on after the record is
     closed.
     """
-    require_name(name)
+    port, link = request.port, request.link
     with closing(open_serial(port.path, port.baud)) as serial:
         stream = _Stream(port.adapter, serial)
         stream.begin(link)
-        folder = make_run_folder(out, name)
+        folder = make_run_folder(out, request.name)
         interrupted = False
         try:
             with occupied(folder), BlockWriter(folder / "capture.arrow", stream.layout()) as writer:
+                seconds = request.duration_s
                 stopped = stream.record(
                     writer, seconds, lambda done: progress(Progress("record", done, round(seconds)))
                 )
         except KeyboardInterrupt:
             interrupted, stopped = True, "stopped on request"
-    _conclude(folder, port.adapter, stream, link, note, stopped)
-    if report is not None:
+    _conclude(folder, port.adapter, stream, link, request.note, stopped)
+    if report is not None and request.report:
         progress(Progress("report", 0, 0))
         report(folder)
     if interrupted:

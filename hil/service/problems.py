@@ -10,7 +10,10 @@ from pydantic import BaseModel
 from starlette.exceptions import HTTPException
 
 from estimator.errors import ModelError
-from hil.errors import InputError, refusal_of, told_to_user
+from hil.errors import InputError, refusal_of
+from hil.errors.ending import NO_ROOM, ending_of
+from hil.errors.exit_codes import ExitCode
+from hil.errors.faults import fault_line
 from hil.errors.refusal import Refusal
 from hil.wire.errors import WireError
 
@@ -29,7 +32,7 @@ _UNKNOWN = {
 }
 
 
-class Problem(Exception):
+class Problem(InputError):
     """A request that is refused with `status`; `error` and `remedy` are one line each, see `refusal`."""
 
     def __init__(self, status: int, error: str, remedy: str = "") -> None:
@@ -60,10 +63,6 @@ def refusal(status: int, error: str, remedy: str = "") -> Refusal:
 def answer_problems(app: FastAPI) -> None:
     """Have every error of a route answered in that form, and none with a traceback."""
 
-    @app.exception_handler(Problem)
-    async def _problem(_: Request, problem: Problem) -> JSONResponse:
-        return problem_response(problem.status, problem.error, problem.remedy)
-
     @app.exception_handler(HTTPException)
     async def _http(_: Request, error: HTTPException) -> JSONResponse:
         said, remedy = _UNKNOWN.get(error.status_code, (str(error.detail), ""))
@@ -77,25 +76,21 @@ def answer_problems(app: FastAPI) -> None:
         place = ".".join(str(part) for part in first["loc"])
         return problem_response(422, f"{place}: {first['msg']}", _ASK_RIGHTLY)
 
+    @app.exception_handler(sqlite3.OperationalError)
+    async def _catalogue(_: Request, error: sqlite3.OperationalError) -> JSONResponse:
+        return problem_response(NO_ROOM, f"the catalogue: {error}", _UNDONE)
+
     @app.exception_handler(InputError)
     @app.exception_handler(ModelError)
     @app.exception_handler(WireError)
-    async def _told(_: Request, error: Exception) -> JSONResponse:
-        return problem_response(400, str(error))
-
     @app.exception_handler(OSError)
-    async def _disk(_: Request, error: OSError) -> JSONResponse:
-        if isinstance(error, WireError):
-            return problem_response(400, str(error))
-        if (line := told_to_user(error)) is None:
-            return await _fault(_, error)
-        return problem_response(507, line, _UNDONE)
-
-    @app.exception_handler(sqlite3.OperationalError)
-    async def _catalogue(_: Request, error: sqlite3.OperationalError) -> JSONResponse:
-        return problem_response(507, f"the catalogue: {error}", _UNDONE)
-
     @app.exception_handler(Exception)
-    async def _fault(_: Request, error: Exception) -> JSONResponse:
-        _LOG.error("a fault of hil", exc_info=error)
-        return problem_response(500, f"a fault of hil: {type(error).__name__}", "the service's output has the details")
+    async def _ended(_: Request, error: Exception) -> JSONResponse:
+        if isinstance(error, Problem):
+            return problem_response(error.status, error.error, error.remedy)
+        ending = ending_of(error)
+        if ending.code is ExitCode.FAULT:
+            _LOG.error("%s", ending.line, exc_info=error)
+            line = fault_line(error, said=False)
+            return problem_response(ending.status, line, "the service's output has the details")
+        return problem_response(ending.status, str(error) if isinstance(error, InputError) else ending.line)

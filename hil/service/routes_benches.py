@@ -59,16 +59,13 @@ def add(request: Request, name: BenchName, adding: Adding) -> dict[str, Any]:
     if not (folder / "diagnosis.json").exists():
         raise Problem(400, f"{adding.trace}: a run, not a trace", "trace it first")
     target = _target(service.folder, name, adding.name)
-    try:
-        diagnosis = load_diagnosis(folder / "diagnosis.json")
-        if wanted := additions(diagnosis):
-            add_effects(source, target, wanted)
-            written = [one.name for one in wanted]
-        else:
-            missing = diagnosis.missing_force
-            written = [] if missing is None else add_form(source, target, missing, diagnosis.record)[0]
-    except InputError as error:
-        raise Problem(400, str(error)) from None
+    diagnosis = load_diagnosis(folder / "diagnosis.json")
+    if wanted := additions(diagnosis):
+        add_effects(source, target, wanted)
+        written = [one.name for one in wanted]
+    else:
+        missing = diagnosis.missing_force
+        written = [] if missing is None else add_form(source, target, missing, diagnosis.record)[0]
     if not written:
         raise Problem(400, f"{diagnosis.verdict}: there is nothing to add", "only what is explained is declared")
     made = target.name.removesuffix(".bench.toml")

@@ -9,10 +9,10 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from hil.loop.live_settings import Settings
 from hil.loop.options import RunOptions
+from hil.options import chosen, with_fields
 from hil.service.board import part
 from hil.service.board.lease import LONGEST_S
 from hil.service.board.part import BoardPart
-from hil.service.options import run_options_of, with_fields
 from hil.service.problems import Problem
 from hil.service.security.roles import Role
 from hil.service.service import Service, holder_of, service_of
@@ -47,7 +47,9 @@ class Drives(_Body):
     @property
     def start(self) -> part.Start:
         """As the board's part has it."""
-        return part.Start(self.bench, self.bench_toml, self.settings.given, run_options_of(self))
+        return part.Start(
+            self.bench, self.bench_toml, self.settings.given, cast(RunOptions, chosen(RunOptions, dict(self)))
+        )
 
 
 class Start(Drives):

@@ -78,11 +78,11 @@ def jobs(request: Request) -> dict[str, list[dict[str, Any]]]:
 
 @router.post("/api/jobs", status_code=201)
 def add(request: Request, asked: Annotated[Asked, Body()]) -> dict[str, Any]:
-    """Ask for a run of an emulated board, a trace, a replay, an import or a campaign."""
+    """Ask for a run of an emulated board, a recording of a sensor, a trace, a replay, an import or a campaign."""
     service = service_of(request)
     try:
         order = order_of(asked, service.folder, catalogue_of(request).path_of, service.parts["uploads"])
-        told = asked.model_dump(exclude_none=True, exclude_defaults=True)
+        told = asked.model_dump(exclude_none=True, exclude_defaults=True, by_alias=True)
         holder = holder_of(request)
 
         def noted(name: str) -> None:
@@ -91,8 +91,6 @@ def add(request: Request, asked: Annotated[Asked, Body()]) -> dict[str, Any]:
         row = _jobs(request).add(order, told, by=holder.name, noted=noted)
     except KeyError as error:
         raise Problem(404, f"no such run: {error.args[0]}", "GET /api/runs lists them") from None
-    except InputError as error:
-        raise Problem(400, str(error)) from None
     return row
 
 
@@ -137,8 +135,8 @@ def cancel(request: Request, job: JobId) -> dict[str, Any]:
 
 @router.post("/api/uploads", status_code=201, openapi_extra=_FORM)
 async def upload(request: Request) -> dict[str, Any]:
-    """Send a record (CSV, plain or gzipped; MATLAB; Parquet) as `record` and, where its columns have other names, a map
-    of them as `map`; then ask for a job of kind `import`. It is not looked into here."""
+    """Send a record (CSV, plain or gzipped; MATLAB; Parquet; what a package reads) as `record` and, where its columns
+    have other names, a map of them as `map`; then ask for a job of kind `import`. It is not looked into here."""
     uploads: Uploads = service_of(request).parts["uploads"]
     most = uploads.most_bytes + _ROUND_IT
     bounded = Request(request.scope, _bounded(request.receive, most))
@@ -162,11 +160,11 @@ async def upload(request: Request) -> dict[str, Any]:
             except BaseException:
                 receiving.give_up()
                 raise
-    except TooLarge as error:
-        raise Problem(413, str(error)) from None
     except OSError as error:  # of the form's own temporary file, or of this bench's folder
         room = "make room where TMPDIR is and beside the runs, or import it with hil import"
         raise Problem(507, f"the upload: {(error.strerror or 'cannot be written').lower()}", room) from None
+    except (Problem, TooLarge):
+        raise
     except (InputError, ClientDisconnect, ValueError) as error:
         raise Problem(400, str(error) or "the upload was cut off; send it again") from None
     try:

@@ -15,11 +15,10 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, JSONResponse, Response
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
-from hil.errors import InputError
 from hil.records.junit import Case, junit_xml
 from hil.service import series
 from hil.service.catalogue import queries
-from hil.service.catalogue.catalogue import Catalogue, Conflict, Looked
+from hil.service.catalogue.catalogue import Catalogue, Looked
 from hil.service.catalogue.comparing import compare as compare_runs
 from hil.service.catalogue.keeping import kept
 from hil.service.catalogue.marks import Tag
@@ -299,12 +298,6 @@ def _asked(act: Callable[[], _T], what: str = "run") -> _T:
         return act()
     except KeyError as error:
         raise Problem(404, f"no such {what}: {error.args[0]}", f"GET /api/{what}s lists them") from None
-    except Conflict as error:
-        raise Problem(409, str(error)) from None
-    except series.PyramidNeeded:
-        raise
-    except InputError as error:
-        raise Problem(400, str(error)) from None
     except FileNotFoundError:
         raise Problem(404, f"the {what} has gone meanwhile", f"GET /api/{what}s lists those there are") from None
 

@@ -9,13 +9,14 @@ import socket
 import ssl
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import uvicorn
 
 from hil.errors import InputError
+from hil.loop.options import FileOptions
 from hil.service.app import make_app
 from hil.service.security.audit import Audit
 from hil.service.security.hosts import Hosts
@@ -46,6 +47,7 @@ class Where:
         read_only: no token can do more than look.
         links: links that requests may name beside those of the bench itself.
         foxglove: port on loopback for Foxglove's viewers, None for none, 0 for any that is free.
+        files: what the runs of this service write beside their folders.
     """
 
     folder: Path
@@ -58,6 +60,7 @@ class Where:
     read_only: bool = False
     foxglove: int | None = None
     links: Sequence[str] = ()
+    files: FileOptions = field(default_factory=lambda: FileOptions())
 
 
 class Begun(NamedTuple):
@@ -190,7 +193,8 @@ def _service(where: Where) -> tuple[Service, dict[str, str]]:
     roles = [Role.LOOK] if where.read_only else [Role.ADMINISTER] if where.listen is None else list(Role)
     given = {role.name.lower(): tokens.make(Holder(role.name.lower(), role)) for role in roles}
     hosts = Hosts(where.names, local=where.listen is None)
-    return Service(where.folder, hosts, tokens, audit, links), given
+    files: Any = {name: one.absolute() if isinstance(one, Path) else one for name, one in where.files.items()}
+    return Service(where.folder, hosts, tokens, audit, links, files), given
 
 
 def listening_socket(where: Where) -> socket.socket:

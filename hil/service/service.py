@@ -7,6 +7,7 @@ from typing import Any, cast
 
 from fastapi import Request
 
+from hil.loop.options import FileOptions
 from hil.service.live_messages import LiveMessages
 from hil.service.security.audit import Audit
 from hil.service.security.hosts import Hosts
@@ -25,6 +26,7 @@ class Service:
     Attributes:
         folder: where the run folders are.
         links: links that its operator listed.
+        files: files of this machine that its operator has runs write, which no request names.
         tell: what every live client is told as JSON text, such as {"kind": "job", …}.
         at_signal: what is called at once when the service is told to end, before open requests are waited for.
         parts: what a part of the service shares with others, by its name; set in its `lifespan`.
@@ -35,6 +37,7 @@ class Service:
     tokens: Tokens
     audit: Audit
     links: tuple[LinkName, ...] = ()
+    files: FileOptions = field(default_factory=lambda: FileOptions())
     tickets: Tickets = field(default_factory=Tickets)
     tell: LiveMessages = field(default_factory=LiveMessages)
     parts: dict[str, Any] = field(default_factory=dict)

@@ -3,12 +3,12 @@
 import shutil
 import tempfile
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import pyarrow.compute as pc
 
 from hil.errors import InputError
-from hil.loop.request import RunRequest
+from hil.loop.request import request_of
 from hil.loop.run import run as run_loop
 from hil.progress import Watcher
 from hil.records.atomic import write_text
@@ -44,7 +44,9 @@ def make_again(plan: Plan, number: int, out: Path, results: Path, *, progress: W
         write_text(board, toml_of(scenario, f"The board of run {number} of {plan.campaign.name}."))
         if plan.campaign.each.drawn_initial:
             bench = with_drawn_initial_values(bench, board, place)
-        done = run_loop(RunRequest(bench, f"inproc:{board}", truth=truth), out, report=False, progress=progress)
+        asked: Any = {**plan.task(number).what["run"], "truth": truth}
+        request = request_of(bench, asked, link=f"inproc:{board}")
+        done = run_loop(request, out, report=False, progress=progress)
         assert done.folder is not None
         score(done.folder, truth)
         write_report(done.folder, truth)

@@ -8,6 +8,9 @@ from pydantic import BeforeValidator, Field, model_validator
 from hil.bench.loop import RunName
 from hil.bench.section import Section, as_tuple
 from hil.errors.strict_toml import parse_table, read_table
+from hil.loop.options import OF_THE_LOOP, RunOptions
+from hil.options import chosen, with_fields
+from hil.tracing.options import TraceOptions
 
 Value = float | int | bool | str
 Seed = Annotated[int, Field(ge=0, le=2**63 - 1)]
@@ -133,6 +136,31 @@ class Each(Section):
         return self
 
 
+@with_fields(RunOptions)
+class Run(Section):
+    """What is asked of every run, as of `hil run`: the clock is lockstep in any case."""
+
+    @model_validator(mode="after")
+    def _of_a_campaign(self) -> Self:
+        asked = chosen(RunOptions, dict(self))
+        if asked["clock"] not in (None, "lockstep"):
+            raise ValueError(f"clock: {asked['clock']}: the runs of a campaign are in lockstep; leave it out")
+        return self
+
+
+@with_fields(TraceOptions)
+class Trace(Section):
+    """What is asked of every trace, as of `hil trace`; with [each] trace. No page is drawn and no missing force
+    estimated but where that is asked for."""
+
+    @model_validator(mode="after")
+    def _of_one_record(self) -> Self:
+        asked = chosen(TraceOptions, dict(self))
+        if asked["covariate"] is not None or asked["hold_out"]:
+            raise ValueError("covariate and hold_out belong to several records; leave them out")
+        return self
+
+
 class Report(Section):
     """What the report is about."""
 
@@ -166,6 +194,10 @@ class Campaign(Section):
     """one [[vary]] for each key that is varied; without any the seeds alone differ"""
     each: Each = Each()
     """table [each]"""
+    run: Run = Run()
+    """table [run]"""
+    trace: Trace = Trace()
+    """table [trace]"""
     report: Report = Report()
     """table [report]"""
 
@@ -186,6 +218,11 @@ class Campaign(Section):
                 raise ValueError(f"{key}: expected a key of `scenario.` or of `bench.`, such as scenario.sense.noise_V")
             if every.count(key) > 1:
                 raise ValueError(f"{key}: is set twice; leave one out")
+        for key, value in chosen(RunOptions, dict(self.run)).items():
+            if key in OF_THE_LOOP and value is not None and f"bench.loop.{key}" in every:
+                raise ValueError(f"[run] {key}: bench.loop.{key} is set too; leave one out")
+        if self.trace.model_fields_set and not self.each.trace:
+            raise ValueError("[trace]: nothing is traced; give [each] trace = true as well")
         if not self.vary and self.design.kind != "grid":
             raise ValueError("[design] kind: nothing is varied; leave it out, or give [[vary]]")
         return self

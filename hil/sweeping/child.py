@@ -13,6 +13,8 @@ from dataclasses import asdict
 from types import TracebackType
 from typing import Any
 
+from hil.errors.exit_codes import ExitCode
+
 
 def main() -> int:
     """Carry out what comes."""
@@ -26,15 +28,13 @@ def main() -> int:
 
     def fault(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         sys.__excepthook__(kind, error, trace)
-        answer(died=fault_line(error))
+        answer(died=line_of(error))
         sys.stderr.flush()
         os._exit(ExitCode.FAULT)
 
     sys.excepthook = fault
     from estimator.side_by_side import one_worker_each
-    from hil.errors import told_to_user
-    from hil.errors.exit_codes import ExitCode
-    from hil.errors.faults import fault_line
+    from hil.errors.ending import line_of
     from hil.sweeping.tasks import Task, carrier_of
 
     one_worker_each()
@@ -43,14 +43,14 @@ def main() -> int:
             task = Task.from_json(line)
             answer(done=asdict(carrier_of(task).carry_out(task)))
         except (OSError, MemoryError) as error:  # of this machine: another run would fare no better
-            answer(machine=told_to_user(error) or f"{type(error).__name__}: {error}")
-    return 0
+            answer(machine=line_of(error))
+    return ExitCode.GOOD
 
 
 def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(0.5)
-    os._exit(1)
+    os._exit(ExitCode.INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ import socket
 import tempfile
 import time
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -75,17 +76,17 @@ def _row(task: Task, place: Path) -> Row:
         from hil.sweeping.initial_values import with_drawn_initial_values
 
         bench = with_drawn_initial_values(bench, scenario, place)
-    made = _made(bench, scenario, place / "run", scan=each.scan)
+    made = _made(bench, scenario, place / "run", task.what["run"], scan=each.scan)
     if made.truth is None:
         return made.row
     row = made.row
     if each.bound:
         row |= _bound(made.run, made.truth, bench, task.what["scenario"])
     if each.trace:
-        told, better = _traced(made.run, bench, place)
+        told, better = _traced(made.run, bench, place, task.what["trace"])
         row |= told
         if each.again and better is not None:
-            again = _made(better, scenario, place / "again", scan=False)
+            again = _made(better, scenario, place / "again", task.what["run"], scan=False)
             row |= {f"again_{name}": again.row.get(name) for name in AGAIN}
     return row
 
@@ -98,14 +99,18 @@ class _Made(NamedTuple):
     row: Row
 
 
-def _made(bench: Bench, scenario: Path, folder: Path, *, scan: bool) -> _Made:
-    """Run `bench` on the board of `scenario` and judge it."""
+def _made(declared: Bench, scenario: Path, folder: Path, options: Mapping[str, Any], *, scan: bool) -> _Made:
+    """Run a bench on the board of `scenario`, with options of a run, and judge it."""
+    from hil.loop.request import request_of
     from hil.loop.worker import Order, untold, work
 
     place, truth_file = folder.parent, folder.with_name(f"{folder.name}-truth.arrow")
+    asked: Any = {**options, "truth": truth_file}
+    request = request_of(declared, asked, link=f"inproc:{scenario}")
+    bench = request.bench
     folder.mkdir()
     write_sealed(folder / "bench.toml", template(values_of(bench), "The bench as run."))
-    order = Order(bench.model_dump_json(), f"inproc:{scenario}", str(folder), truth=str(truth_file))
+    order = Order(bench.model_dump_json(), request.link, str(folder), truth=str(truth_file))
     outcome = work(order, untold, own_process=False)
     stopped = str(outcome["stopped"] or "").replace(f"{place}/", "")
     row: Row = {"outcome": "stopped" if stopped else "ran", "reason": stopped or None}
@@ -113,7 +118,7 @@ def _made(bench: Bench, scenario: Path, folder: Path, *, scan: bool) -> _Made:
     if run.capture is None or not len(run.capture):
         return _Made(run, None, row | {"samples": 0})
     row |= {"samples": len(run.capture), "record_sha256": digest_of(run.capture_path)}
-    row |= _concluded(run, bench, outcome, scan=scan)
+    row |= _concluded(run, bench, outcome, request.note, scan=scan)
     try:
         result = score(folder, truth_file)
     except InputError as error:
@@ -129,7 +134,7 @@ def digest_of(capture: Path) -> str:
 
 
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
-def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], *, scan: bool) -> Row:
+def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], note: str | None, *, scan: bool) -> Row:
     if not scan:
         from hil.records.summary import summarise
 
@@ -138,7 +143,7 @@ def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], *, scan: b
     from hil.loop.run import conclude
     from hil.records.result import load_result
 
-    conclude(run.path, bench, outcome, link="inproc:", note=None, report=False, progress=lambda _: None)
+    conclude(run.path, bench, outcome, link="inproc:", note=note, report=False, progress=lambda _: None)
     said = load_result(run.result_path)
     return {
         "verdict": said.verdict,
@@ -229,16 +234,16 @@ def _bound(run: RunFolder, truth: Truth, bench: Bench, scenario: str) -> Row:
     }
 
 
-def _traced(run: RunFolder, bench: Bench, place: Path) -> tuple[Row, Bench | None]:
+def _traced(run: RunFolder, bench: Bench, place: Path, options: Mapping[str, Any]) -> tuple[Row, Bench | None]:
     """What a trace says, and the bench with what it explained."""
     from hil.tracing.addition import additions
-    from hil.tracing.trace import trace_file
+    from hil.tracing.request import request_of
+    from hil.tracing.trace import trace
 
     try:
-        done = trace_file(
-            run.capture_path, run.bench_path, place / "traces",
-            name=None, fraction=None, report=False, missing_force=False, progress=lambda _: None,
-        )  # fmt: skip
+        asked: Any = {"report": False, "missing_force": False, **options}
+        request = request_of(run.capture_path, run.bench_path, asked)
+        done = trace(request, place / "traces", progress=lambda _: None)
     except InputError as refusal:
         return {"traced": f"refused: {refusal}".replace(f"{place}/", "")}, None
     said = done.diagnosis

@@ -7,12 +7,14 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from hil.bench import Bench, examples, load_bench, make_way
 from hil.bench.toml import toml_key, toml_value
 from hil.errors import InputError
 from hil.errors.strict_toml import parse_table, read_table, suggestion
+from hil.loop.options import OF_THE_LOOP, RunOptions
+from hil.options import chosen
 from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.keys import Table, parts_of, plain, put, value_at
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 
 _CARRIER = "hil.sweeping.one_run"
 _SEED = "bench.loop.seed"
+_OF_THE_REQUEST = [name for name in get_type_hints(RunOptions) if name not in OF_THE_LOOP]
 _LOCKSTEP = {"bench.loop.clock": "lockstep"}
 
 
@@ -91,7 +94,8 @@ class Plan:
         pairs = zip(self.campaign.vary, self.shares[point], strict=True)
         values = {one.column: self._value(one, float(share)) for one, share in pairs}
         given = [values[one.column] for one in self.campaign.vary if _SEED in one.keys]
-        fixed = self.campaign.fixed.get(_SEED)
+        asked = chosen(RunOptions, dict(self.campaign.run))
+        fixed = self.campaign.fixed.get(_SEED) if asked["seed"] is None else asked["seed"]
         seed = given[0] if given else design.seed_of(self.campaign, point, repeat) if fixed is None else fixed
         return Planned(number, point, repeat, int(seed), values)
 
@@ -116,8 +120,13 @@ class Plan:
         for one in self.campaign.vary:
             for name in one.keys:
                 _put(tables, name, plain(planned.values[one.column]), self.source)
-        tables["bench"]["loop"] |= {"seed": planned.seed, "name": f"{self.campaign.name}-{planned.run}"}
+        tables["bench"]["loop"] |= {"seed": planned.seed, "name": f"{self._called}-{planned.run}"}
         return tables["scenario"], tables["bench"]
+
+    @property
+    def _called(self) -> str:
+        """What its runs are called, before their numbers."""
+        return str(chosen(RunOptions, dict(self.campaign.run))["name"] or self.campaign.name)
 
     def bench_of(self, planned: Planned) -> Bench:
         """The bench of a run.  Raises InputError with the key."""
@@ -137,6 +146,8 @@ class Plan:
             "scenario": toml_of(scenario, "The board."),
             "bench": self.bench_of(planned).model_dump_json(),
             "each": self.campaign.each.model_dump(),
+            "run": self.campaign.run.model_dump(include=set(_OF_THE_REQUEST)),
+            "trace": self.campaign.trace.model_dump(exclude_unset=True),
         }
         return Task(number, _CARRIER, what, scratch)
 
@@ -187,7 +198,8 @@ def plan_of(campaign: Campaign, source: str, *, called: str | None = None, besid
         rate["path"] = str((scenario_file.parent / rate["path"]).resolve())
     bench = plain(load_bench(examples.find("bench", campaign.bench, beside=beside)).model_dump())
     tables = {"scenario": scenario, "bench": bench}
-    for name, value in {**campaign.fixed, **_LOCKSTEP}.items():
+    asked = {f"bench.loop.{key}": value for key, value in campaign.run if key in OF_THE_LOOP and value is not None}
+    for name, value in {**campaign.fixed, **asked, **_LOCKSTEP}.items():
         _put(tables, name, plain(value), f"{source}: [fixed]")
     plan = Plan(campaign, source, called or source, scenario, bench)
     _check_columns(plan)

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 
 from hil.bench.text import meaning
 from hil.records.atomic import write_text
-from hil.sweeping.campaign import Campaign, Design, Each, Report, Vary
+from hil.sweeping.campaign import Campaign, Design, Each, Report, Run, Trace, Vary
 from hil.sweeping.figures import FIGURES, IDENTITY
 
 BEGIN, END = "<!-- generated: keys -->\n", "<!-- end -->\n"
@@ -22,6 +22,8 @@ _TABLES: dict[str, type[BaseModel]] = {
     "[design]": Design,
     "[[vary]]": Vary,
     "[each]": Each,
+    "[run]": Run,
+    "[trace]": Trace,
     "[report]": Report,
 }
 _WORDS = {

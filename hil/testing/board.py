@@ -3,15 +3,19 @@
 import time
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import Any, NamedTuple, cast, get_type_hints
+from typing import Any, NamedTuple, Unpack, cast, get_type_hints
 
 from hil.bench import Bench, override
 from hil.boards.emulation import is_emulated, served
 from hil.errors import InputError
+from hil.library.keywords import takes
+from hil.library.tracing import Trace
+from hil.library.verbs import trace
 from hil.loop.options import LocalRunOptions
-from hil.progress import Progress
+from hil.progress import untold
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+from hil.tracing.options import TraceOptions
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import WireError
@@ -102,7 +106,7 @@ class BoardUnderTest:
         Raises CannotDo without consent to arm, or for `truth` of a board that is not emulated here; InputError and
         WireError as `hil.run`.
         """
-        from hil.library.request import request_of
+        from hil.loop.request import request_of
         from hil.loop.run import run
         from hil.scoring.score import score
 
@@ -120,7 +124,7 @@ class BoardUnderTest:
         truth_file = self._runs.with_name("truth.arrow") if truth else None
         options |= {"clock": clock, "truth": truth_file, "replace": True}
         request = request_of(bench, cast(LocalRunOptions, options), link=self.link)
-        done = run(request, self._runs, progress=_unwatched)
+        done = run(request, self._runs, progress=untold)
         if done.folder is None:
             raise InputError(f"{self.link}: nothing was recorded")
         folder = RunFolder(done.folder)
@@ -128,6 +132,11 @@ class BoardUnderTest:
         if result is None:
             raise InputError(f"{done.folder}: the run left no result")
         return Run(folder, result)
+
+    @takes(TraceOptions)
+    def trace(self, run: Run, **options: Unpack[TraceOptions]) -> Trace:
+        """What the model lacks on the record of a run, as `hil.trace`."""
+        return trace(run.folder.path, self.bench, out=self._runs, progress=untold, **options)
 
     def close(self) -> None:
         """SAFE if it was armed, and let go of the link; the next use connects anew."""
@@ -159,7 +168,3 @@ class BoardUnderTest:
     def _require_consent(self) -> None:
         if not self._may_arm:
             raise CannotDo(f"{self.link}: arming a board that is not emulated needs --hil-arm")
-
-
-def _unwatched(_: Progress) -> None:
-    """Nobody watches the progress of a test."""

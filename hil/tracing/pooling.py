@@ -4,14 +4,12 @@ import math
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.identification.fitness import remarks, require_traceable
 from estimator.identification.pool import Member, Pool, held_out_by_default
-from estimator.side_by_side import interruptible, one_blas_thread, workers
-from hil.bench import RateSensorBench, load_any_bench, override
+from estimator.side_by_side import interruptible, workers
+from hil.bench import Bench
 from hil.bench.by_verb import require_usable
 from hil.errors import InputError
 from hil.inputs.captured import control_of, drives_of, record_of
@@ -23,38 +21,22 @@ from hil.records.capture import Capture, read_capture
 from hil.records.diagnosis import save_diagnosis, to_model
 from hil.replaying.replay import require_fit
 from hil.tracing.also import effects_asked
+from hil.tracing.request import TraceRequest
 from hil.tracing.time_left import TimeLeft
-from hil.tracing.trace import Traced, called
+from hil.tracing.traced import Traced, called
 
 _ALIKE = 1e-3  # relative, of the noise that filters leave of records traced together
 
 
-@one_blas_thread()
-@np.errstate(all="ignore")  # a free run that diverged is told by its figures, not by NumPy
-def trace_pool_files(
-    captures: Sequence[Path],
-    bench_path: Path,
-    out: Path,
-    *,
-    name: str | None,
-    covariate: str | None,
-    held_out: Sequence[str] = (),
-    report: bool = True,
-    also: Sequence[str] = (),
-    progress: Watcher,
-) -> Traced:
-    """Trace the records at `captures` together by the bench file; a new folder below `out` has the answer.
+def trace_pool_files(request: TraceRequest, bench: Bench, out: Path, progress: Watcher) -> Traced:
+    """Trace the records of `request` together; a new folder below `out` has the answer.
 
     covariate: a number that each record carries (`[covariates]` of its map) on which constants and coefficients may
-    depend; held_out: names of the records that only judge, by default a third of them; also: effects to try that
-    a trace tries on request only, as `hil.tracing.trace.trace` has them.  Raises InputError for records that cannot be
-    traced together; nothing is left then.
+    depend; hold_out: names of the records that only judge, by default a third of them.  Raises InputError for records
+    that cannot be traced together; nothing is left then.
     """
+    captures, covariate = request.captures, request.covariate
     workers()
-    declared = load_any_bench(bench_path)
-    if isinstance(declared, RateSensorBench):
-        raise InputError(f"{bench_path}: a rate sensor; its records are traced one by one")
-    bench = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench_path))
     require_usable(bench, "trace")
     require_place(out)
     records = [read_capture(place) for place in captures]
@@ -71,9 +53,9 @@ def trace_pool_files(
         except ModelError as error:
             raise InputError(f"{place}: {error}") from None
         members.append(Member(each, numbers, _covariate(place, record, covariate)))
-    effects_asked(also, device)  # the whole catalogue is tried; a name that is none is refused
+    effects_asked(request.also, device)  # the whole catalogue is tried; a name that is none is refused
     pool = Pool(tuple(members), device, observer_settings_of(bench), covariate, control_of(bench, records[0]))
-    judges = _judges(names, held_out) or held_out_by_default(pool)
+    judges = _judges(names, request.hold_out) or held_out_by_default(pool)
     left = TimeLeft()
 
     def told(stage: str, done: int, total: int) -> None:
@@ -99,7 +81,7 @@ def trace_pool_files(
     )
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)
-    if report:
+    if request.report:
         from hil.report.diagnosis.pool import write_pool_report
 
         write_pool_report(folder, diagnosis)

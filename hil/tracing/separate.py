@@ -23,7 +23,10 @@ from hil.loop.run import run
 from hil.progress import Watcher
 from hil.records.diagnosis import Diagnosis, Separation
 from hil.records.runfolder import RunFolder
-from hil.tracing.trace import Traced, trace
+from hil.tracing.options import TraceOptions
+from hil.tracing.request import request_of
+from hil.tracing.trace import trace
+from hil.tracing.traced import Traced
 
 _MARGIN = 1.2  # of the energy's swing under modulation, as a limit
 _TIMES = (1, 2, 4)  # times the duration of the bench file that an experiment may last
@@ -60,8 +63,7 @@ def separate(
     link: str,
     out: Path,
     *,
-    fraction: float | None,
-    also: Sequence[str] = (),
+    options: TraceOptions,
     before_run: Callable[[Asked], None],
     progress: Watcher,
 ) -> tuple[Separated, ...]:
@@ -69,9 +71,9 @@ def separate(
 
     Each lasts as long as it takes, in whole durations of the bench file.  Where the one proposed was made and told
     nothing, all of them are made at once, then for longer; what is left then stays listed.  Where the record of a
-    modulated amplitude is refused, the amplitude is left alone from then on.  before_run is told what will be made
-    before the board is armed: what no host can do, as to turn the gyro, is done by then.  Raises InputError or
-    WireError as a run does.
+    modulated amplitude is refused, the amplitude is left alone from then on.  options: of the traces.  before_run is
+    told what will be made before the board is armed: what no host can do, as to turn the gyro, is done by then.  Raises
+    InputError or WireError as a run does.
     """
     done: list[Separated] = []
     pairs = separable(diagnosis, bench)
@@ -90,7 +92,8 @@ def separate(
         assert folder is not None  # only a dry run leaves none
         capture = RunFolder(folder).capture_path
         try:
-            traced = trace(capture, changed, out, fraction=fraction, also=also, progress=progress)
+            wanted = request_of(capture, changed, {**options, "name": changed.loop.name})
+            traced = trace(wanted, out, progress=progress)
         except InputError as refusal:
             held = held or asked.experiment.modulation > 0.0
             done.append(Separated(asked.words, folder, None, (), tuple(pairs), str(refusal)))

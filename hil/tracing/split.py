@@ -9,7 +9,6 @@ from estimator.identification.fitness import require_length
 from estimator.identification.rest import moves_until
 from estimator.record import Record
 from estimator.settings import Device
-from hil.errors import InputError
 from hil.records.capture import Capture
 
 FRACTION = 0.6
@@ -28,8 +27,6 @@ class Part:
 
 def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:
     """The part of a record to be traced, and its first row that is held out."""
-    if fraction is not None and not 0.0 < fraction < 1.0:
-        raise InputError(f"--fraction: {fraction:g} is no share of the record; give a number between 0 and 1")
     segments = captured.segments
     if fraction is None and "train" in segments:
         start, stop = segments["train"]

@@ -1,7 +1,7 @@
 """From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -13,7 +13,7 @@ from estimator.identification.fitness import remarks, require_traceable
 from estimator.identification.problem import Problem
 from estimator.missing_force.result import MissingForce
 from estimator.side_by_side import interruptible, one_blas_thread, workers
-from hil.bench import Bench, RateSensorBench, load_any_bench, override
+from hil.bench import Bench, RateSensorBench
 from hil.bench.by_verb import require_usable
 from hil.bench.ratio import drive_words
 from hil.errors import InputError
@@ -23,16 +23,18 @@ from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_place, write_sealed
 from hil.records.capture import Capture, RowFlag, read_capture
-from hil.records.diagnosis import Diagnosis, save_diagnosis, to_model
 from hil.records.diagnosis import MissingForce as WrittenForce
+from hil.records.diagnosis import save_diagnosis, to_model
 from hil.records.force import refused, save_force
 from hil.records.force import to_model as force_model
 from hil.replaying.replay import require_fit
 from hil.tracing.also import effects_asked, not_tried
 from hil.tracing.envelope import trace_ring_down
 from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor
+from hil.tracing.request import TraceRequest
 from hil.tracing.split import Part, moving, parts_of, sample_of
 from hil.tracing.time_left import TimeLeft
+from hil.tracing.traced import Traced, called
 
 _CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped
 
@@ -44,70 +46,30 @@ class Tracer(Protocol):
         """Choose effects on the samples before `split`, score them on the rest."""
 
 
-@dataclass(frozen=True)
-class Traced:
-    """Where a trace was written (diagnosis.json, report.html, bench.toml), and what it came to."""
-
-    folder: Path
-    diagnosis: Diagnosis
-
-
-def trace_file(
-    capture: Path,
-    bench: Path,
-    out: Path,
-    *,
-    name: str | None,
-    fraction: float | None,
-    report: bool = True,
-    missing_force: bool | None = None,
-    also: Sequence[str] = (),
-    progress: Watcher,
-) -> Traced:
-    """Trace `capture` by the bench file at `bench`, of an oscillator or of a rate sensor; see `trace`."""
-    declared = load_any_bench(bench)
-    if isinstance(declared, RateSensorBench):
-        if fraction is not None:
-            raise InputError("--fraction: the record of a rate sensor is split by its segments, or in alternate blocks")
-        if also:
-            raise InputError("--also: all effects of a rate sensor are tried anyway; leave it out")
-        return _trace_sensor(capture, declared, bench, out, name or "trace", report=report, progress=progress)
-    named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-trace"}}, str(bench))
-    return trace(
-        capture, named, out, fraction=fraction, report=report, missing_force=missing_force, also=also,
-        progress=progress,
-    )  # fmt: skip
-
-
 @one_blas_thread()
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
-def trace(
-    capture: Path,
-    bench: Bench,
-    out: Path,
-    *,
-    fraction: float | None = None,
-    report: bool = True,
-    missing_force: bool | None = None,
-    also: Sequence[str] = (),
-    progress: Watcher,
-) -> Traced:
-    """Find what the model of `bench` lacks on the record at `capture`; a new folder below `out` has the answer,
-    with `report` as a page too.
+def trace(request: TraceRequest, out: Path, *, progress: Watcher) -> Traced:
+    """Find what the model of the bench lacks on the records; a new folder below `out` has the answer, and a page of it
+    where that is asked for.
 
     Effects are chosen on the first `fraction` of the record and scored on the rest.  Without one, a record with a
-    segment `train` and another that follows it is split as it says itself.  force: whether the missing force is
-    estimated without a name; None: where something is left and a page is drawn.  also: effects to try that a trace
-    tries on request only, names or several with commas between them.
-    Raises InputError for a record that cannot be traced, or that does not belong to the bench file, and for effects
-    that are none; nothing is left then.
+    segment `train` and another that follows it is split as it says itself.  Raises InputError for a record that cannot
+    be traced, or that does not belong to the bench, and for effects that are none; nothing is left then.
     """
-    if bench.device.sense.is_envelope:
-        if also:
-            raise InputError("--also: all laws of an envelope are tried anyway; leave it out")
-        return _trace_envelope(
-            capture, bench, out, fraction=fraction, report=report, missing_force=missing_force, progress=progress
-        )
+    if isinstance(request.bench, RateSensorBench):
+        return _trace_sensor(request, request.bench, out, progress)
+    if len(request.captures) > 1:
+        from hil.tracing.pooling import trace_pool_files
+
+        return trace_pool_files(request, request.bench, out, progress)
+    if request.bench.device.sense.is_envelope:
+        return _trace_envelope(request, request.bench, out, progress)
+    return _trace_oscillator(request, request.bench, out, progress)
+
+
+def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: Watcher) -> Traced:
+    """Of one record of an oscillator."""
+    capture, fraction, missing_force = request.capture, request.fraction, request.missing_force
     require_usable(bench, "trace")
     workers()  # no number of them is told before minutes are spent
     require_place(out)
@@ -115,7 +77,7 @@ def trace(
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)
     device, settings = recorded_device_of(bench, captured), observer_settings_of(bench)
-    asked = effects_asked(also, device)
+    asked = effects_asked(request.also, device)
     part = Part(captured, record_of(captured, drives_of(captured, device)), sample_of(captured, held_out))
     if fraction is None and "train" not in captured.segments:
         part = moving(part, device)
@@ -140,7 +102,7 @@ def trace(
     found = replace(found, reasons=(*found.reasons, *drive_words(blamed, device.mass)))
     unnamed: MissingForce | None = None
     about: WrittenForce | None = None
-    if missing_force or (missing_force is None and report and found.verdict.is_open):
+    if missing_force or (missing_force is None and request.report and found.verdict.is_open):
         progress(Progress("missing force", 0, 0))
         unnamed, about = _unnamed(problem, split)
     diagnosis = to_model(
@@ -155,7 +117,7 @@ def trace(
     save_diagnosis(folder / "diagnosis.json", diagnosis)
     if unnamed is not None:
         save_force(folder / "force.arrow", unnamed)
-    if report:
+    if request.report:
         progress(Progress("report", 0, 0))
         from hil.report.diagnosis import write_report
 
@@ -206,10 +168,10 @@ def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, Writte
     return found, force_model(found)
 
 
-def _trace_sensor(
-    capture: Path, bench: RateSensorBench, source: Path, out: Path, name: str, *, report: bool, progress: Watcher
-) -> Traced:
+def _trace_sensor(request: TraceRequest, bench: RateSensorBench, out: Path, progress: Watcher) -> Traced:
     """The same of a rate sensor: its answer is a static curve and a response instead of an innovation."""
+    capture, source = request.capture, request.source
+    assert source is not None  # as the request was checked
     progress(Progress("effects", 0, 0))
     found = interruptible(lambda: trace_rate_sensor(capture, bench))
     captured = read_capture(capture)
@@ -217,10 +179,10 @@ def _trace_sensor(
     diagnosis = to_model(
         found, record=called(capture), bench=bench.device.name, sense_unit=bench.device.unit, prepared=said
     )
-    folder = make_run_folder(out, name)
+    folder = make_run_folder(out, request.name)
     write_sealed(folder / "bench.toml", source.read_text(encoding="utf-8"))
     save_diagnosis(folder / "diagnosis.json", diagnosis)
-    if report:
+    if request.report:
         from hil.report.diagnosis.sensor import write_sensor_report
 
         assert captured.rate_rad_s is not None  # or it could not have been traced
@@ -228,19 +190,9 @@ def _trace_sensor(
     return Traced(folder, diagnosis)
 
 
-def _trace_envelope(
-    capture: Path,
-    bench: Bench,
-    out: Path,
-    *,
-    fraction: float | None,
-    report: bool,
-    missing_force: bool | None,
-    progress: Watcher,
-) -> Traced:
+def _trace_envelope(request: TraceRequest, bench: Bench, out: Path, progress: Watcher) -> Traced:
     """The same of a ring-down whose amplitude was recorded: a law of damping."""
-    if missing_force:
-        raise InputError(f"{capture}: an envelope, which shows no force at an instant; leave out --missing-force")
+    capture, fraction = request.capture, request.fraction
     captured = read_capture(capture)
     require_fit(captured, bench, capture)
     split = None
@@ -254,16 +206,11 @@ def _trace_envelope(
     )
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)
-    if report:
+    if request.report:
         from hil.report.diagnosis.envelope import write_envelope_report
 
         write_envelope_report(folder, envelope, found, diagnosis)
     return Traced(folder, diagnosis)
-
-
-def called(capture: Path) -> str:
-    """What a record is called: its run folder's name, or its own."""
-    return capture.resolve().parent.name if capture.name == "capture.arrow" else capture.stem
 
 
 def _require_unclipped(captured: Capture) -> None:

@@ -10,6 +10,7 @@ from hil.errors import InputError
 from hil.methods import comparing
 from hil.replaying import replay as replaying
 from hil.tracing import trace as tracing
+from hil.tracing.request import TraceRequest
 from tests.cli.conftest import Hil, in_lockstep
 from tests.cli.test_errors import refused
 from tests.records.synthetic_run import Options, write_run
@@ -27,11 +28,13 @@ def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     (folder / "bench.toml").write_text(own, encoding="utf-8")
 
     def taken(_: Path, bench: Any, *__: object, **___: object) -> None:
-        raise InputError(f"by {bench if isinstance(bench, Path) else bench.loop.duration_s}")
+        raise InputError(f"by {bench.loop.duration_s}")
+
+    def traced(request: TraceRequest, *_: object, **__: object) -> None:
+        taken(request.capture, request.bench)
 
     monkeypatch.setattr(replaying, "replay", taken)
-    monkeypatch.setattr(tracing, "trace_file", taken)
-    monkeypatch.setattr(tracing, "trace", taken)
+    monkeypatch.setattr(tracing, "trace", traced)
     monkeypatch.setattr(comparing, "compare", taken)
     return folder
 

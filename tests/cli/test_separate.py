@@ -58,7 +58,7 @@ def made(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Any:
         monkeypatch.setattr("hil.tracing.separate.run", run_of)
         monkeypatch.setattr("hil.tracing.separate.trace", trace)
         done = separate(
-            first, of, "inproc:none", Path("runs"), fraction=None, before_run=asked.append, progress=lambda _: None
+            first, of, "inproc:none", Path("runs"), options={}, before_run=asked.append, progress=lambda _: None
         )
         assert [one.experiment for one in done] == [one.words for one in asked]
         lasting = [one.loop.duration_s / of.loop.duration_s for one in benches]
@@ -161,7 +161,7 @@ def test_a_record_that_is_refused_is_kept_and_the_amplitude_left_alone(
     monkeypatch.setattr("hil.tracing.separate.trace", trace)
     monkeypatch.setattr("hil.cli.consent.have_it_turned", lambda turn: None)
     traced: Any = SimpleNamespace(diagnosis=alike("amplitude"))
-    last = _separated(traced, bench, "inproc:none", Path("runs"), None, ())
+    last = _separated(traced, bench, "inproc:none", Path("runs"), {})
     assert modulated == [0.3, 0.0, 0.0, 0.0, 0.0]
     assert last is not traced
     said = capsys.readouterr()
@@ -188,7 +188,7 @@ def test_the_experiment_is_made_on_the_board_and_decides(tmp_path: Path) -> None
     words = next(experiment.words for experiment in EXPERIMENTS if experiment.name == "amplitude")
     (made,) = separate(
         alike("amplitude"), bench, f"inproc:{scenario}", tmp_path / "runs",
-        fraction=None, before_run=lambda asked: told.append(asked.words), progress=lambda _: None,
+        options={}, before_run=lambda asked: told.append(asked.words), progress=lambda _: None,
     )  # fmt: skip
     assert told == [words] == [made.experiment]
     assert (made.run / "capture.arrow").exists()
@@ -229,7 +229,7 @@ def test_where_no_run_of_the_bench_is_long_enough_it_is_said_which_would_be(
     monkeypatch.setattr("hil.tracing.separate.run", lambda *given, **named: pytest.fail("nothing is to be armed"))
     takes = 10.0 * bench.loop.duration_s
     traced: Any = SimpleNamespace(diagnosis=alike("amplitude", "modulate the amplitude", takes_s=takes))
-    assert _separated(traced, bench, "inproc:none", Path("runs"), None, ()) is traced
+    assert _separated(traced, bench, "inproc:none", Path("runs"), {}) is traced
     said = " ".join("".join(capsys.readouterr()).split())
     assert "no experiment to make" in said
     assert (

@@ -9,6 +9,7 @@ import pytest
 from hil.errors import InputError
 from hil.interchange.importer import import_file
 from hil.interchange.mapping import OF_TEXT
+from hil.interchange.request import ImportRequest
 
 ROWS = 40
 T = [f"{n * 0.01:.3f}" for n in range(ROWS)]
@@ -94,7 +95,7 @@ def attempt(place: Path, source: Path, keys: dict[str, str], columns: list[str])
     own = "".join(f"{key} = {value}\n" for key, value in keys.items() if key != "unit")
     text = f'hold = "zoh"\n{own}[columns]\nt_s = {{ column = {columns[0]}, unit = "{unit}" }}\n'
     (place / "m.map.toml").write_text(text + f'vx = {{ column = {columns[1]}, unit = "u" }}\n', encoding="utf-8")
-    imported = import_file(source, place / "m.arrow", map_file=place / "m.map.toml")
+    imported = import_file(ImportRequest(source, place / "m.arrow", map_file=place / "m.map.toml"))
     return len(imported.capture) + imported.capture.lost
 
 
@@ -132,7 +133,7 @@ def test_without_a_map_the_first_advice_is_of_the_same_structure(tmp_path: Path,
     """The header cannot be the interchange one; what is told about the dialect is what a map needs."""
     source = written(tmp_path, name)
     with pytest.raises(InputError) as caught:
-        import_file(source, tmp_path / "m.arrow")
+        import_file(ImportRequest(source, tmp_path / "m.arrow"))
     line = str(caught.value)
     assert "\n" not in line
     keys, columns = dict[str, str](), ['"time"', '"out"']
@@ -150,7 +151,7 @@ def test_nonuniform_is_advised_for_what_is_uneven_or_lacks_samples(tmp_path: Pat
     source = tmp_path / "m.csv"
     source.write_text(UNEVEN[name].replace("time,out", "t_s,vx_V"))
     with pytest.raises(InputError, match="give --nonuniform"):
-        import_file(source, tmp_path / "m.arrow")
-    capture = import_file(source, tmp_path / "m.arrow", nonuniform=True).capture
+        import_file(ImportRequest(source, tmp_path / "m.arrow"))
+    capture = import_file(ImportRequest(source, tmp_path / "m.arrow", nonuniform=True)).capture
     assert capture.uniform == (name == "a gap")
     assert capture.lost == (2 if name == "a gap" else 0)

@@ -13,6 +13,7 @@ from scipy.optimize import least_squares
 import hil
 from hil.errors import InputError
 from hil.interchange.importer import Imported, import_file
+from hil.interchange.request import ImportRequest
 from hil.records.capture import Capture
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"
@@ -34,7 +35,7 @@ def bring(tmp_path):
             kept = "".join(f"{line}\n" for line in text.splitlines() if line.split("=")[0].strip() not in changed)
             made = tmp_path / "made.map.toml"
             made.write_text(keys + kept, encoding="utf-8")
-        return import_file(source, tmp_path / "made.arrow", map_file=made, nonuniform=nonuniform)
+        return import_file(ImportRequest(source, tmp_path / "made.arrow", map_file=made, nonuniform=nonuniform))
 
     return bring
 

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from hil.errors import InputError
 from hil.interchange import text_source
 from hil.interchange.importer import import_file
+from hil.interchange.request import ImportRequest
 
 WORDS = st.text(st.characters(codec="cp1252", exclude_characters="\r\n\0\"'\x85\xa0", min_codepoint=32), max_size=6)
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False).map(lambda value: float(f"{value:.9g}"))
@@ -80,7 +81,7 @@ def test_what_was_written_is_read(made: tuple[bytes, str, np.ndarray, bool]) -> 
         place = Path(folder)
         (place / "a.csv").write_bytes(gzip.compress(content) if zipped else content)
         (place / "a.map.toml").write_text(mapping, encoding="utf-8")
-        imported = import_file(place / "a.csv", place / "a.arrow", map_file=place / "a.map.toml")
+        imported = import_file(ImportRequest(place / "a.csv", place / "a.arrow", map_file=place / "a.map.toml"))
         np.testing.assert_allclose(imported.capture.sense_V[:, 0], values, rtol=1e-11, atol=1e-11)
         assert imported.of_rows == len(values)
 
@@ -100,7 +101,7 @@ def test_whatever_a_file_holds_it_is_rows_or_one_line(body: str, delimiter: str)
             if not quick:
                 patch.setattr(text_source, "plain_columns", lambda *_, **__: None)
             try:
-                imported = import_file(place / "a.csv", place / "a.arrow", map_file=place / "m.map.toml")
+                imported = import_file(ImportRequest(place / "a.csv", place / "a.arrow", map_file=place / "m.map.toml"))
             except InputError as error:
                 outcomes.append(str(error))
             else:

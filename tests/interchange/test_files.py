@@ -17,16 +17,17 @@ from device_emulator.rate import FromFile, pieces
 from device_emulator.scenario import ScenarioError, load
 from hil.bench.bench import Bench
 from hil.bench.examples import find
-from hil.cli.files import fresh
 from hil.errors import InputError
 from hil.errors.strict_toml import parse_table, read_table
 from hil.interchange.exported import tables_of
 from hil.interchange.importer import import_file
+from hil.interchange.request import ImportRequest
 from hil.records.blocks import scan_blocks
 from hil.records.capture import read_capture
 from hil.records.direct import DirectRecord
 from hil.records.force import is_force, load_force
 from hil.records.json_file import load as load_json
+from hil.records.kind import fresh
 from hil.records.listing import listed
 from hil.records.result import Result
 from hil.service.catalogue.entry import read_entry
@@ -42,7 +43,7 @@ def refused(source: Path, mapping: str | None = None) -> str:
         map_file = source.parent / "m.map.toml"
         map_file.write_text(mapping, encoding="utf-8")
     with pytest.raises(InputError) as caught:
-        import_file(source, source.parent / "o.arrow", map_file=map_file)
+        import_file(ImportRequest(source, source.parent / "o.arrow", map_file=map_file))
     line = str(caught.value)
     assert "\n" not in line
     return line
@@ -93,7 +94,7 @@ def test_a_pipe_in_a_run_folder_holds_nobody_up(tmp_path: Path, name: str) -> No
 def test_what_is_no_file_is_not_read(tmp_path: Path, kind: str) -> None:
     path, told = named(tmp_path)[kind], TOLD.get(kind, kind)
     with pytest.raises(InputError, match=f"is {told}"):
-        import_file(path, tmp_path / "o.arrow")
+        import_file(ImportRequest(path, tmp_path / "o.arrow"))
     with pytest.raises(InputError, match=f"is {told}"):
         read_table(path)
     with pytest.raises(ScenarioError, match=f"is {told}"):
@@ -119,7 +120,7 @@ def test_a_file_that_unpacks_to_far_more_than_it_is(tmp_path: Path, monkeypatch:
     assert "unpacks to more than 200 times its" in refused(path)
     rows = "".join(f"{row / 1000:.3f},{value:.9f}\n" for row, value in enumerate(np.sin(np.arange(300_000.0))))
     path.write_bytes(gzip.compress(("t_s,vx_V\n" + rows).encode()))
-    assert len(import_file(path, tmp_path / "o.arrow").capture) == 300_000
+    assert len(import_file(ImportRequest(path, tmp_path / "o.arrow")).capture) == 300_000
 
 
 @pytest.mark.parametrize("encoding", ["utf-32", "utf-32-le", "utf-32-be"])
@@ -127,7 +128,7 @@ def test_text_of_four_bytes_a_letter(tmp_path: Path, encoding: str) -> None:
     path = tmp_path / "f.csv"
     path.write_bytes(PLAIN.encode(encoding))
     if encoding == "utf-32":  # with its mark
-        assert len(import_file(path, tmp_path / "o.arrow").capture) == len(T_S)
+        assert len(import_file(ImportRequest(path, tmp_path / "o.arrow")).capture) == len(T_S)
     else:
         assert f'set encoding = "{encoding}"' in refused(path)
 
@@ -141,7 +142,7 @@ def test_a_matlab_file_that_is_cut(tmp_path: Path, form: str, packed: bool) -> N
     mapping = VX.replace("NAME", '"x"')
     whole = path.read_bytes()
     (tmp_path / "m.map.toml").write_text(mapping)
-    import_file(path, tmp_path / "o.arrow", map_file=tmp_path / "m.map.toml")
+    import_file(ImportRequest(path, tmp_path / "o.arrow", map_file=tmp_path / "m.map.toml"))
     for kept in (len(whole) - 1, len(whole) // 2):
         path.write_bytes(whole[:kept])
         assert "is cut: it has" in refused(path, mapping)
@@ -180,7 +181,7 @@ def test_positions_of_parquet_are_those_of_its_columns(tmp_path: Path) -> None:
     path = imu(tmp_path)
     for position, factor in ((4, 3.0), (6, 4.0)):
         (tmp_path / "m.map.toml").write_text(VX.replace("NAME", str(position)))
-        capture = import_file(path, tmp_path / "o.arrow", map_file=tmp_path / "m.map.toml").capture
+        capture = import_file(ImportRequest(path, tmp_path / "o.arrow", map_file=tmp_path / "m.map.toml")).capture
         np.testing.assert_array_equal(capture.sense_V[:, 0], factor * X_V)
     told = "column 3 is the struct st; give one of its fields: st.gyro, st.accel"
     assert told in refused(path, VX.replace("NAME", "3"))
@@ -203,7 +204,7 @@ def test_a_header_that_stands_again(tmp_path: Path) -> None:
     assert "missing" not in told
     mapping = 'comment = "t,x"\nheader = false\n' + VX.replace("NAME", "2").replace('"t"', "1")
     (tmp_path / "m.map.toml").write_text(mapping)
-    capture = import_file(path, tmp_path / "o.arrow", map_file=tmp_path / "m.map.toml").capture
+    capture = import_file(ImportRequest(path, tmp_path / "o.arrow", map_file=tmp_path / "m.map.toml")).capture
     assert (len(capture), capture.lost) == (60, 0)
 
 

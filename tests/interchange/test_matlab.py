@@ -9,6 +9,7 @@ from scipy.io import savemat
 from hil.errors import InputError
 from hil.interchange.exporter import export
 from hil.interchange.importer import import_file
+from hil.interchange.request import ImportRequest
 from hil.records.capture import Capture
 
 T_S = np.arange(50) / 200.0
@@ -35,7 +36,7 @@ def bring(source: Path, column: str, more: str = "") -> Capture:
         f'vx = {{ column = "{column}", unit = "dps" }}\n',
         encoding="utf-8",
     )
-    return import_file(source, source.parent / "m.arrow", map_file=mapping).capture
+    return import_file(ImportRequest(source, source.parent / "m.arrow", map_file=mapping)).capture
 
 
 @pytest.mark.parametrize(
@@ -86,15 +87,15 @@ def test_a_position_is_none_of_matlab(source: Path) -> None:
         'hold = "zoh"\nsampling_rate_Hz = 1.0\n[columns]\nvx = { column = 2, unit = "V" }\n', encoding="utf-8"
     )
     with pytest.raises(InputError, match="column = 2 is a position, and variables of MATLAB have none"):
-        import_file(source, source.parent / "m.arrow", map_file=source.parent / "m.toml")
+        import_file(ImportRequest(source, source.parent / "m.arrow", map_file=source.parent / "m.toml"))
 
 
 def test_what_the_bench_exports_it_imports(tmp_path: Path) -> None:
     rows = "".join(f"{t:.3f},{x:.6f},{u:.6f}\n" for t, x, u in zip(T_S, GYRO[:, 0], GYRO[:, 1], strict=True))
     (tmp_path / "a.csv").write_text("t_s,vx_V,ux_N\n" + rows)
-    capture = import_file(tmp_path / "a.csv", tmp_path / "a.arrow").capture
+    capture = import_file(ImportRequest(tmp_path / "a.csv", tmp_path / "a.arrow")).capture
     export(tmp_path / "a.arrow", tmp_path / "a.mat", "mat")
-    back = import_file(tmp_path / "a.mat", tmp_path / "b.arrow").capture
+    back = import_file(ImportRequest(tmp_path / "a.mat", tmp_path / "b.arrow")).capture
     np.testing.assert_array_equal(back.sense_V, capture.sense_V)
     np.testing.assert_array_equal(back.drive, capture.drive)
     np.testing.assert_array_equal(back.t_s, capture.t_s)

@@ -17,6 +17,7 @@ from scipy.io import savemat
 
 from hil.errors import InputError
 from hil.interchange.importer import import_file
+from hil.interchange.request import ImportRequest
 
 T = np.arange(200) / 1000.0
 X, Y = np.round(np.sin(200.0 * T), 6), np.round(np.cos(200.0 * T), 6)
@@ -98,7 +99,7 @@ def written(tmp_path: Path, data: str | bytes, mapping: str | None, ending: str)
 @pytest.mark.parametrize("name", list(SOUND))
 def test_a_sound_file_comes_in_as_it_was_written(tmp_path: Path, name: str) -> None:
     source, map_file = written(tmp_path, *SOUND[name])
-    imported = import_file(source, tmp_path / "o.arrow", map_file=map_file)
+    imported = import_file(ImportRequest(source, tmp_path / "o.arrow", map_file=map_file))
     capture = imported.capture
     assert (capture.tick_rate_Hz, capture.lost, imported.of_rows) == (1000.0, 0, len(T))
     np.testing.assert_allclose(capture.t_s, T, atol=1e-12)
@@ -110,7 +111,7 @@ def test_all_others_are_one_line(tmp_path: Path, name: str) -> None:
     *given, told = REFUSED[name]
     source, map_file = written(tmp_path, *given)  # type: ignore[arg-type]
     with pytest.raises(InputError, match=told) as caught:
-        import_file(source, tmp_path / "o.arrow", map_file=map_file)
+        import_file(ImportRequest(source, tmp_path / "o.arrow", map_file=map_file))
     assert "\n" not in str(caught.value)
     assert str(source) in str(caught.value)
     assert not (tmp_path / "o.arrow").exists()
@@ -119,5 +120,5 @@ def test_all_others_are_one_line(tmp_path: Path, name: str) -> None:
 def test_an_index_of_pandas_is_the_time(tmp_path: Path) -> None:
     frame = pd.DataFrame({"vx_V": X, "vy_V": Y}, index=pd.Index(T, name="t_s"))
     frame.to_parquet(tmp_path / "p.parquet")
-    capture = import_file(tmp_path / "p.parquet", tmp_path / "o.arrow").capture
+    capture = import_file(ImportRequest(tmp_path / "p.parquet", tmp_path / "o.arrow")).capture
     np.testing.assert_array_equal(capture.t_s, T)

@@ -8,6 +8,7 @@ import pytest
 from hil.bench import RateSensorBench, load_any_bench, load_bench
 from hil.errors import InputError
 from hil.interchange.importer import import_file
+from hil.interchange.request import ImportRequest
 from hil.records.capture import read_capture
 from hil.replaying.replay import require_fit
 from hil.tracing.envelope import trace_ring_down
@@ -23,7 +24,9 @@ needs_cases = pytest.mark.skipif(not INSTRUMENTS.exists(), reason="the cases are
 def test_a_level_with_a_reference_is_a_level(tmp_path: Path, unit: str) -> None:
     """The truth is linear damping; of the level itself 1.571 1/s by its slope, 20 log10(e) d/2 a second."""
     imported = import_file(
-        INSTRUMENTS / "1_level_dBuV.csv", tmp_path / "a.arrow", map_file=INSTRUMENTS / f"1_{unit}.map.toml"
+        ImportRequest(
+            INSTRUMENTS / "1_level_dBuV.csv", tmp_path / "a.arrow", map_file=INSTRUMENTS / f"1_{unit}.map.toml"
+        )
     )
     capture = imported.capture
     bench = load_bench(INSTRUMENTS / f"1_{unit}.bench.toml")
@@ -48,11 +51,15 @@ def test_a_rate_in_another_unit_than_declared_is_refused(tmp_path: Path) -> None
     mapping = (INSTRUMENTS / "10.map.toml").read_text(encoding="utf-8")
     bench = load_any_bench(INSTRUMENTS / "10.bench.toml")
     assert isinstance(bench, RateSensorBench)
-    import_file(INSTRUMENTS / "10_gyro_mdps.csv", tmp_path / "a.arrow", map_file=INSTRUMENTS / "10.map.toml")
+    import_file(
+        ImportRequest(INSTRUMENTS / "10_gyro_mdps.csv", tmp_path / "a.arrow", map_file=INSTRUMENTS / "10.map.toml")
+    )
     with pytest.raises(InputError, match=r"in mdps, but \[device\] unit = 'V'; set unit = \"mdps\""):
         trace_rate_sensor(tmp_path / "a.arrow", bench)
     (tmp_path / "m.toml").write_text(mapping.replace('unit = "mdps"', 'scale = 1e-3, unit = "dps"'), encoding="utf-8")
-    capture = import_file(INSTRUMENTS / "10_gyro_mdps.csv", tmp_path / "a.arrow", map_file=tmp_path / "m.toml").capture
+    capture = import_file(
+        ImportRequest(INSTRUMENTS / "10_gyro_mdps.csv", tmp_path / "a.arrow", map_file=tmp_path / "m.toml")
+    ).capture
     assert capture.sense_unit == "dps"
     slope = np.polyfit(capture.rate_rad_s, capture.sense_V[:, 0], 1)[0]
     assert slope == pytest.approx(bench.device.scale_V_s_per_rad, rel=0.02)
@@ -66,7 +73,7 @@ def test_rates_become_radians(tmp_path: Path, unit: str, one: float) -> None:
     (tmp_path / "a.csv").write_text("v,r\n1,3\n2,5\n3,7\n")
     text = 'hold = "zoh"\nsampling_rate_Hz = 1.0\n[columns]\nvx_V = { column = "v", unit = "V" }\n'
     (tmp_path / "m.toml").write_text(f'{text}rate_rad_s = {{ column = "r", unit = "{unit}" }}\n')
-    capture = import_file(tmp_path / "a.csv", tmp_path / "a.arrow", map_file=tmp_path / "m.toml").capture
+    capture = import_file(ImportRequest(tmp_path / "a.csv", tmp_path / "a.arrow", map_file=tmp_path / "m.toml")).capture
     np.testing.assert_allclose(capture.rate_rad_s, one * np.array([3.0, 5.0, 7.0]))
 
 
@@ -82,7 +89,7 @@ def test_a_unit_that_says_nothing_is_refused(tmp_path: Path, entry: str, told: s
     sense = "" if entry.startswith("vx") else 'vx_V = { column = "v", unit = "V" }\n'
     (tmp_path / "m.toml").write_text(f'hold = "zoh"\nsampling_rate_Hz = 1.0\n[columns]\n{sense}{entry}\n')
     with pytest.raises(InputError, match=told):
-        import_file(tmp_path / "a.csv", tmp_path / "a.arrow", map_file=tmp_path / "m.toml")
+        import_file(ImportRequest(tmp_path / "a.csv", tmp_path / "a.arrow", map_file=tmp_path / "m.toml"))
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ import pyarrow.parquet as pq
 from scipy.io import savemat
 
 from hil.interchange.importer import import_file
+from hil.interchange.request import ImportRequest
 from hil.library.arrays import write_capture
 from hil.records.capture import Capture, read_capture
 
@@ -39,7 +40,7 @@ def bring(kind: str, place: Path, columns: dict[str, Any], mapping: str | None =
     if kind == "arrays":
         write_capture(columns, target, map_file=map_file, **options)
         return read_capture(target)
-    return import_file(_WRITERS[kind](place, columns), target, map_file=map_file, **options).capture
+    return import_file(ImportRequest(_WRITERS[kind](place, columns), target, map_file=map_file, **options)).capture
 
 
 def _text(place: Path, columns: dict[str, Any]) -> Path:

@@ -14,6 +14,7 @@ from hil.loop.preflight import require_suitable
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
+from hil.tracing.request import request_of
 from hil.tracing.trace import trace
 from tests.loop.closed import angle_errors, close_loop, waiting
 from tests.loop.misbehaving import Board
@@ -80,7 +81,8 @@ def test_a_trace_names_what_springs_and_amplifiers_do(tmp_path: Path) -> None:
     declared = bench(6.0)
     hard = {"name": "cubic_stiffness", "k3x": 1e13, "k3y": 3e12}
     run, _ = close_loop(waiting(scenario(tmp_path / "board.toml", hard)), declared, tmp_path / "run")
-    found = trace(run.capture_path, declared, tmp_path / "traced", report=False, progress=lambda _: None).diagnosis
+    request = request_of(run.capture_path, declared, {"report": False})
+    found = trace(request, tmp_path / "traced", progress=lambda _: None).diagnosis
     assert found.verdict == "explained", found.reasons
     coefficients = {symbol: one for effect in found.effects for symbol, one in effect.coefficients.items()}
     assert [effect.name for effect in found.effects] == ["cubic_stiffness", "drive_delay"]

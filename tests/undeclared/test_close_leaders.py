@@ -8,7 +8,8 @@ from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from device_emulator.scenario import Scenario
 from evaluation.undeclared.record import write_capture
 from hil.bench.template import template, values_of
-from hil.tracing.trace import trace_file
+from hil.tracing.request import request_of
+from hil.tracing.trace import trace
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # a trace that carries thirteen, where the kernels may be new
 
@@ -20,10 +21,8 @@ def test_the_truth_is_found_behind_leaders_that_the_scan_ranks_higher(tmp_path: 
     bench = bench_of("s-slow", controller=calm)
     write_capture(tmp_path / "capture.arrow", close_loop(scenario, bench, 80_000, seed=1, every=1000), scenario, None)
     (tmp_path / "bench.toml").write_text(template(values_of(bench), "The data sheet."), encoding="utf-8")
-    found = trace_file(
-        tmp_path / "capture.arrow", tmp_path / "bench.toml", tmp_path / "runs",
-        name=None, fraction=None, report=False, progress=lambda _: None,
-    ).diagnosis  # fmt: skip
+    request = request_of(tmp_path / "capture.arrow", tmp_path / "bench.toml", {"report": False})
+    found = trace(request, tmp_path / "runs", progress=lambda _: None).diagnosis
     assert [effect.name for effect in found.effects] == ["sense_gain"]
     interval = found.effects[0].coefficients["gy"].ci95
     assert interval[0] is not None

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hil.boards.emulation import Served
-from hil.errors import InputError, told_to_user
-from hil.errors.faults import fault_line
+from hil.errors import InputError
+from hil.errors.ending import line_of
 from hil.loop.live_settings import in_force
 from hil.loop.request import RunRequest
 from hil.loop.stops import reason_name
@@ -171,7 +171,7 @@ class HeldBoard:
         try:
             said = work()
         except (InputError, WireError, OSError) as error:
-            answer({"refused": told_to_user(error) or str(error)})
+            answer({"refused": line_of(error)})
         else:
             answer({"said": said})
 
@@ -250,14 +250,19 @@ class HeldBoard:
             connecting, self._connecting = self._connecting, None
             connecting({"refused": "given up: the board was disconnected meanwhile"})
         self._close()
-        self._board, self._link = None, None
-        with suppress(InputError):  # of a board that died meanwhile
-            self._stack.close()
-        self._stack = ExitStack()
+        self._link = None
+        self._end_board()
         self._change(**NOBODY)
         self._refuse_owed("no board is connected")
         self._go_on()
         return self.state
+
+    def _end_board(self) -> None:
+        """Have the board end that was started here."""
+        self._board = None
+        with suppress(InputError):  # of a board that died meanwhile
+            self._stack.close()
+        self._stack = ExitStack()
 
     def _close(self) -> None:
         if self._held is not None:
@@ -291,16 +296,13 @@ class HeldBoard:
 
     def _open_again(self) -> None:
         """The link once more, without a HELLO where that can be: it would lift a latch that nobody has looked at."""
-        assert self._board is not None
         assert self._link is not None
-        if self._board.board is None or self._board.board.process.poll() is None:
+        if self._board is not None and (self._board.board is None or self._board.board.process.poll() is None):
             self._open(self._link, self._board, greet=False)
             return
         if self._leaves:
             self._miss(f"{_LEFT}; the emulated one is started anew")
-        with suppress(InputError):
-            self._stack.close()
-        self._stack = ExitStack()
+        self._end_board()
         self._open(self._link, None, greet=True)
 
     def _safe(self, answer: Answer) -> None:
@@ -346,6 +348,8 @@ class HeldBoard:
             answer({"refused": "a run is under way" if self.busy else "no board is connected"})
             return
         self._close()
+        if start.request.own_board and not self._in_process:
+            self._end_board()  # the run starts one of its own
         self._stop_early, self._interrupted_s, self._starting, self._alarm = False, None, answer, ""
         self._loop_has_link = True
         self._leaves = start.request.bench.loop.clock == "lockstep"
@@ -389,8 +393,7 @@ class HeldBoard:
         except Interrupted as interrupted:
             outcome["words"] = str(interrupted)
         except Exception as error:  # noqa: BLE001 - of a thread: it is told, and the board is seen to either way
-            words = told_to_user(error) or fault_line(error)
-            outcome["words"] = words
+            outcome["words"] = line_of(error)
         finally:
             self._interrupt = None
             self._loop_has_link = False

@@ -19,7 +19,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from hil.bench import Bench
 from hil.loop.request import RunRequest
 from hil.records.changes import note_change
 from hil.service.board.held_board import HeldBoard, Start
@@ -148,12 +147,10 @@ class _Keeper:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         ours.setblocking(False)
         self._out = Path(message["out"])
-        bench = Bench.model_validate_json(message["bench"], strict=False)
         self._let_line_go()
         self._line = ours
         self._selector.register(ours, selectors.EVENT_READ, self._hear_loop)
-        request = RunRequest(bench, "", open_loop=message["open_loop"], note=message["note"])  # the link is held here
-        self._board.start(Start(request, self._out, theirs), started)
+        self._board.start(Start(RunRequest.of_json(message["request"]), self._out, theirs), started)
 
     def _settings(self, settings: dict[str, float], answer: Any) -> None:
         if self._line is None:

@@ -18,7 +18,9 @@ import time
 from contextlib import suppress
 from typing import Any
 
-from hil.errors import InputError, told_to_user
+from hil.errors import InputError
+from hil.errors.ending import line_of
+from hil.errors.exit_codes import ExitCode
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, WireError
@@ -107,12 +109,12 @@ def main() -> None:
                 said = _done(endpoint, what)
             answer: dict[str, Any] = {"said": said}
         except (InputError, WireError, OSError) as error:
-            answer = {"refused": told_to_user(error) or str(error)}
+            answer = {"refused": line_of(error)}
         print(json.dumps(answer), flush=True)
     if endpoint is not None:
         with suppress(WireError, OSError):
             endpoint.close()
-    os._exit(0)
+    os._exit(ExitCode.GOOD)
 
 
 def _done(endpoint: Endpoint, what: dict[str, Any]) -> dict[str, Any]:
@@ -128,7 +130,7 @@ def _read(asked: "queue.SimpleQueue[dict[str, Any] | None]") -> None:
         asked.put(json.loads(line))
     asked.put(None)
     time.sleep(_FAREWELL_S)
-    os._exit(1)
+    os._exit(ExitCode.INTERRUPTED)
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from hil.bench import Bench, load_any_bench
 from hil.errors import InputError
+from hil.sensors.adapter import find_port
 from hil.service.bench_files import files, found
 from hil.service.service import Service
 from hil.wire.errors import LinkError
@@ -44,6 +45,13 @@ def allowed(service: Service, text: str) -> LinkName:
         case _:
             raise InputError(f"{link.url}: not of this bench; {_listing(link)}")
     return link
+
+
+def require_sensor(link: str) -> None:
+    """InputError where a request may not name that link of a sensor: no adapter of that name, no serial port here."""
+    port = find_port(link)
+    if not is_port(port.path):
+        raise InputError(f"{link}: {port.path} is no serial port of this machine; connect the sensor")
 
 
 def is_port(path: str) -> bool:

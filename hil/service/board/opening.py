@@ -9,10 +9,11 @@ from contextlib import ExitStack, suppress
 from typing import Any
 
 from hil.boards.emulation import Served, served
-from hil.errors import InputError, told_to_user
+from hil.errors import InputError
+from hil.errors.ending import line_of
 from hil.progress import Progress
 from hil.service.board.link_process import LinkProcess
-from hil.wire.errors import LinkError, WireError
+from hil.wire.errors import LinkError
 from hil.wire.link_name import Emulated, LinkName, UdpGroup
 from hil.wire.messages import SafeReason
 
@@ -75,10 +76,8 @@ class Opening:
     def _open(self) -> None:
         try:
             self._try()
-        except (InputError, WireError, OSError) as error:
-            self.error = told_to_user(error) or str(error)
         except Exception as error:  # noqa: BLE001 - of a thread: it is told
-            self.error = f"a fault of hil: {type(error).__name__}: {error}"
+            self.error = line_of(error)
         with self._lock:
             if self._given_up:
                 self.error = self.error or "given up"

@@ -10,11 +10,10 @@ from typing import Any
 
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.library.request import request_of, require_consent
 from hil.loop.drives import Fact, digest, drives, in_one_line
 from hil.loop.live_settings import Settings, at_once, with_settings
 from hil.loop.options import RunOptions
-from hil.loop.request import RunRequest
+from hil.loop.request import RunRequest, request_of, require_consent
 from hil.service.bench_files import found
 from hil.service.board.lease import Leases
 from hil.service.board.line import BoardLine
@@ -117,10 +116,8 @@ class BoardPart:
         said = await self.line.ask(
             "start",
             _START_S,
-            bench=request.bench.model_dump_json(),
+            request=request.as_json(),
             out=os.path.realpath(self._service.folder),
-            open_loop=request.open_loop,
-            note=request.note,
         )
         return {"run": said["run"]}
 
@@ -142,7 +139,8 @@ class BoardPart:
             declared = found(self._service.folder, "bench", name)
         else:
             raise Problem(422, "no bench file is named", 'give "bench", or "bench_toml" with what is in one')
-        return request_of(declared, start.options, link=self._told["link"])
+        options: Any = {**start.options, **self._service.files}
+        return request_of(declared, options, link=self._told["link"])
 
     def _waiting(self) -> dict[str, float]:
         """Settings that wait for the next start: of the lease under which they were asked for, and of no other."""

@@ -31,6 +31,8 @@ _UNSETTLED_NS = 2_000_000_000
 class Conflict(InputError):
     """What is asked cannot be done to this run now."""
 
+    status = 409
+
 
 class Looked(NamedTuple):
     """What a look at the folders came to: how many are new or changed, gone, and their ids."""

@@ -11,11 +11,17 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from hil.bench import load_any_bench
 from hil.boards.emulation import is_emulated
 from hil.errors import InputError
+from hil.interchange.options import ImportOptions
 from hil.loop.options import RunOptions
+from hil.options import with_fields
 from hil.records.run_name import RUN_NAME
+from hil.replaying.options import ReplayOptions
+from hil.sensors.options import RecordOptions
 from hil.service.bench_files import found
+from hil.service.board.links import require_sensor
 from hil.service.jobs.uploads import Uploads
-from hil.service.options import with_fields
+from hil.sweeping.options import SweepOptions
+from hil.tracing.options import TraceOptions
 from hil.wire.link_name import Emulated, parse_link
 
 Name = Annotated[str, StringConstraints(pattern=RUN_NAME, max_length=60)]
@@ -37,16 +43,24 @@ class AskedRun(_Asked):
     score: bool = Field(default=False, description="Hold the run against the truth of the emulated board")
 
 
+@with_fields(RecordOptions)
+class AskedRecord(_Asked):
+    """A recording of a sensor that cannot be driven."""
+
+    kind: Literal["record"]
+    link: Word = Field(description="NAME:PORT, NAME being an adapter's, PORT a serial port of this machine")
+
+
+@with_fields(TraceOptions)
 class AskedTrace(_Asked):
-    """A trace of a run's record."""
+    """A trace of a run's record, or of several together."""
 
     kind: Literal["trace"]
-    run: Word
-    bench: Word | None = Field(default=None, description="By default the run's own")
-    fraction: Annotated[float, Field(gt=0, lt=1)] | None = None
-    name: Name | None = None
+    run: Word | Annotated[tuple[Word, ...], Field(min_length=1, max_length=100)]
+    bench: Word | None = Field(default=None, description="By default the run's own; of several it has to be given")
 
 
+@with_fields(ReplayOptions)
 class AskedReplay(_Asked):
     """Today's estimator on a run's record."""
 
@@ -54,31 +68,29 @@ class AskedReplay(_Asked):
     run: Word
     bench: Word | None = Field(default=None, description="By default the run's own")
     effects_of: Word | None = Field(default=None, description="A trace whose effects the bench is given first")
-    name: Name | None = None
 
 
+@with_fields(ImportOptions)
 class AskedImport(_Asked):
-    """A record that was uploaded becomes one of this bench."""
+    """A record that was uploaded becomes one of this bench; a map that was uploaded along goes before one of its
+    own."""
 
     kind: Literal["import"]
     upload: Word
-    map: Word | None = Field(default=None, description="A map of this bench, where none was uploaded along")
-    hold: Literal["zoh", "foh", "bandlimited"] | None = None
-    nonuniform: bool = False
     name: Name = "imported"
 
 
+@with_fields(SweepOptions)
 class AskedSweep(_Asked):
     """A campaign, or what is left of it, into the folder of its name: one that was cancelled goes on."""
 
     kind: Literal["sweep"]
     campaign: Word = Field(description="A campaign file of this bench, or an example")
-    workers: Annotated[int, Field(ge=1, le=256)] | None = Field(
-        default=None, description="Processes; by default half as many as there are processors"
-    )
 
 
-Asked = Annotated[AskedRun | AskedTrace | AskedReplay | AskedImport | AskedSweep, Field(discriminator="kind")]
+Asked = Annotated[
+    AskedRun | AskedRecord | AskedTrace | AskedReplay | AskedImport | AskedSweep, Field(discriminator="kind")
+]
 
 Order = dict[str, Any]
 """What a job's process is told: keywords of `hil.service.jobs.work`, JSON values; `called` is what who asked calls the
@@ -91,29 +103,35 @@ def order_of(asked: Asked, runs: Path, path_of: Callable[[str], Path], uploads: 
     Raises InputError for a name that is not listed, and for a link that leads to a real board.
     """
     told = asked.model_dump(exclude_none=True)
-    if isinstance(asked, AskedImport):
-        upload = uploads.of(asked.upload)
-        told["upload"] = str(upload.record)
-        called = dict(upload.called)
-        told["map"] = None if upload.map is None else str(upload.map)
-        if upload.map is None and asked.map is not None:
-            told["map"] = str(found(runs, "map", asked.map))
-            called[told["map"]] = Path(told["map"]).name
-        return told | {"called": called}
-    if isinstance(asked, AskedSweep):
-        campaign = found(runs, "campaign", asked.campaign)
-        return told | {"campaign": str(campaign), "typed": asked.campaign, "called": {str(campaign): campaign.name}}
-    if isinstance(asked, AskedRun):
-        bench = found(runs, "bench", asked.bench)
-        return told | {"bench": str(bench), "link": _link(asked.link, bench, runs), "called": {str(bench): bench.name}}
-    told |= {"run": str(path_of(asked.run)), "called": {str(path_of(asked.run)): path_of(asked.run).name}}
-    if asked.bench is not None:
-        told["bench"] = str(found(runs, "bench", asked.bench))
-        told["called"][told["bench"]] = Path(told["bench"]).name
-    if isinstance(asked, AskedReplay) and asked.effects_of is not None:
-        told["effects_of"] = str(path_of(asked.effects_of))
-        told["called"][told["effects_of"]] = Path(told["effects_of"]).name
-    return told
+    called: dict[str, str] = {}
+
+    def named(path: Path, name: str | None = None) -> str:
+        called[str(path)] = name or path.name
+        return str(path)
+
+    match asked:
+        case AskedImport():
+            upload = uploads.of(asked.upload)
+            called |= upload.called
+            told["upload"] = str(upload.record)
+            given = told.get("mapping")
+            own = None if upload.map is not None or given is None else named(found(runs, "map", given))
+            told["mapping"] = own if upload.map is None else str(upload.map)
+        case AskedSweep():
+            told |= {"campaign": named(found(runs, "campaign", asked.campaign)), "typed": asked.campaign}
+        case AskedRecord():
+            require_sensor(asked.link)
+        case AskedRun():
+            bench = found(runs, "bench", asked.bench)
+            told |= {"bench": named(bench), "link": _link(asked.link, bench, runs)}
+        case AskedTrace() | AskedReplay():
+            records = [asked.run] if isinstance(asked.run, str) else asked.run
+            told["run"] = [named(path_of(run)) for run in records]
+            if asked.bench is not None:
+                told["bench"] = named(found(runs, "bench", asked.bench))
+            if isinstance(asked, AskedReplay) and asked.effects_of is not None:
+                told["effects_of"] = named(path_of(asked.effects_of))
+    return told | {"called": called}
 
 
 def _link(link: str | None, bench: Path, runs: Path) -> str | None:

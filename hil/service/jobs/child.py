@@ -17,9 +17,8 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from hil.errors import told_to_user
+from hil.errors.ending import ending_of
 from hil.errors.exit_codes import ExitCode
-from hil.errors.faults import fault_line, is_fault
 from hil.errors.interruption import interrupt
 from hil.progress import Progress
 from hil.records.atomic import write_text
@@ -84,6 +83,7 @@ def main(place: Path) -> None:
     threading.Thread(target=ending.wait, name="ending", daemon=True).start()
     outcome: dict[str, Any] = {"state": "failed", "error": None, "result": {}, "began": time.time()}
     called: dict[str, str] = {}
+    code = ExitCode.INTERRUPTED
 
     def began(run: str) -> None:
         outcome["result"] = {"run": run}
@@ -101,17 +101,18 @@ def main(place: Path) -> None:
             from hil.service.jobs.work import do
 
             outcome["result"] = do(order["do"], Path(order["out"]), place, began=began, progress=told)
-            outcome["state"] = "done"
+            outcome["state"], code = "done", ExitCode.GOOD
         except KeyboardInterrupt as interruption:
             words = "; ".join(one for one in (ending.why or "interrupted", str(interruption)) if one)
             outcome |= {"state": "cancelled" if ending.why == CANCELLED else "failed", "error": words}
         except Exception as error:  # noqa: BLE001 - whatever it was, the job has an outcome that says so
-            outcome["error"] = _as_asked(told_to_user(error) or fault_line(error), called)
+            failed = ending_of(error)
+            outcome["error"], code = _as_asked(failed.line, called), failed.code
             traceback.print_exc()
         ending.done.set()
         write_text(place / OUTCOME, json.dumps({**outcome, "ended": time.time()}) + "\n")
     sys.stdout.flush()
-    os._exit(_code(outcome))  # what a library leaves running has nothing to say any more
+    os._exit(code)  # what a library leaves running has nothing to say any more
 
 
 def _as_asked(error: str, called: dict[str, str]) -> str:
@@ -119,15 +120,6 @@ def _as_asked(error: str, called: dict[str, str]) -> str:
     for path in sorted(called, key=len, reverse=True):
         error = error.replace(path, called[path])
     return error
-
-
-def _code(outcome: dict[str, Any]) -> int:
-    """As of the command line."""
-    if outcome["state"] == "done":
-        return ExitCode.GOOD
-    if outcome["state"] == "cancelled":
-        return ExitCode.INTERRUPTED
-    return ExitCode.FAULT if is_fault(outcome["error"]) else ExitCode.BAD_INPUT
 
 
 def _interrupt(number: int, frame: FrameType | None) -> None:

@@ -14,11 +14,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hil.errors import InputError, printable
+from hil.interchange.packaged import endings
 
 MOST_BYTES = 512 << 20
 MOST_MAP_BYTES = 1 << 20
 MOST_AT_ONCE = 20
 ENDINGS = (".csv", ".csv.gz", ".mat", ".parquet")
+"""Beside those that packages read."""
 _KEPT_S = 86_400.0
 _CALLED = "called.json"
 _LONGEST_NAME = 100
@@ -27,6 +29,8 @@ _ID = re.compile(r"[0-9a-f]{24}")
 
 class TooLarge(InputError):
     """More came than is taken."""
+
+    status = 413
 
 
 class Upload(NamedTuple):
@@ -52,9 +56,10 @@ class Uploads:
     def begin(self, name: str) -> "Receiving":
         """Begin to receive a record that the client calls `name`. Raises InputError where it is none that is taken."""
         self.tidy()
-        ending = next((one for one in sorted(ENDINGS, key=len, reverse=True) if name.lower().endswith(one)), None)
+        taken = (*ENDINGS, *endings())
+        ending = next((one for one in sorted(taken, key=len, reverse=True) if name.lower().endswith(one)), None)
         if ending is None:
-            raise InputError(f"{name[-60:]}: no record that is taken; give one of {', '.join(ENDINGS)}")
+            raise InputError(f"{name[-60:]}: no record that is taken; give one of {', '.join(taken)}")
         if sum(1 for _ in self._folder.iterdir()) >= MOST_AT_ONCE:
             raise TooLarge(f"{MOST_AT_ONCE} uploads wait already; import them first")
         place = self._folder / secrets.token_hex(12)

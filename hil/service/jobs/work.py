@@ -2,11 +2,19 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import hil
+from hil.interchange.options import ImportOptions
+from hil.loop.options import RunOptions
+from hil.options import chosen
 from hil.progress import Progress, Watcher
+from hil.replaying.options import ReplayOptions
+from hil.sensors.options import RecordOptions
+from hil.sweeping.options import SweepOptions
+from hil.tracing.options import TraceOptions
 
 Said = Callable[[str], None]
 """Is told the name of the run folder as soon as there is one."""
@@ -20,12 +28,12 @@ def do(order: dict[str, Any], out: Path, place: Path, *, began: Said, progress: 
 
 
 def _run(order: dict[str, Any], out: Path, place: Path, began: Said, progress: Watcher) -> dict[str, Any]:
-    from hil.library.request import request_of
+    from hil.loop.request import request_of
     from hil.loop.run import run
 
-    truth = place / "truth.arrow" if order.pop("score", False) else None
-    bench, link, _ = order.pop("bench"), order.pop("link"), order.pop("called", None)
-    request = request_of(bench, {**order, "truth": truth}, link=link)  # type: ignore[typeddict-item]
+    truth = place / "truth.arrow" if order.get("score") else None
+    options: Any = {**chosen(RunOptions, order), "truth": truth}
+    request = request_of(order["bench"], options, link=order["link"])
     assert request.emulated  # was looked at before, and is not driven unasked
     done = run(request, out, begun=lambda folder, _: began(folder.name), progress=progress)
     assert done.folder is not None
@@ -36,64 +44,65 @@ def _run(order: dict[str, Any], out: Path, place: Path, began: Said, progress: W
     return _of_run(done.folder)
 
 
+def _record(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    options: Any = chosen(RecordOptions, order)
+    done = hil.record(order["link"], out=out, progress=progress, **options)
+    began(done.path.name)
+    return {"run": done.path.name, "verdict": done.verdict}
+
+
 def _trace(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
-    found = hil.trace(
-        order["run"], order.get("bench"), fraction=order.get("fraction"), name=order.get("name"), out=out,
-        progress=progress,
-    )  # fmt: skip
+    options: Any = chosen(TraceOptions, order)
+    found = hil.trace(order["run"], order.get("bench"), out=out, progress=progress, **options)
     began(found.path.name)
     return {"run": found.path.name, "verdict": found.verdict, "effects": [effect.name for effect in found.effects]}
 
 
 def _replay(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
     bench: Any = order.get("bench")
+    (record,) = order["run"]
     if "effects_of" in order:
         trace = hil.load_trace(order["effects_of"])
-        bench = trace.add_to(hil.load_bench(bench or Path(order["run"]) / "bench.toml"))
-    done = hil.replay(order["run"], bench, name=order.get("name"), out=out, progress=progress)
+        bench = trace.add_to(hil.load_bench(bench or Path(record) / "bench.toml"))
+    options: Any = chosen(ReplayOptions, order)
+    done = hil.replay(record, bench, out=out, progress=progress, **options)
     began(done.path.name)
     return _of_run(done.path)
 
 
 def _import(order: dict[str, Any], out: Path, place: Path, began: Said, progress: Watcher) -> dict[str, Any]:
-    from hil.interchange.importer import import_record
     from hil.records.atomic import make_run_folder
 
     progress(Progress("import", 0, 0))
-    made = place / "capture.arrow"
-    given = order.get("map")
-    capture = import_record(
-        Path(order["upload"]), made, map_file=None if given is None else Path(given), hold=order.get("hold"),
-        nonuniform=order.get("nonuniform", False),
-    )  # fmt: skip
+    options: Any = chosen(ImportOptions, order)
+    imported = hil.import_record(order["upload"], out=place / "capture.arrow", replace=True, **options)
+    capture = imported.capture
     figures = {"samples": len(capture), "axes": capture.axes, "tick_rate_Hz": capture.tick_rate_Hz}
     folder = make_run_folder(out, order["name"])
     began(folder.name)
-    shutil.move(made, folder / "capture.arrow")
-    return {"run": folder.name, "verdict": None, **figures}
+    shutil.move(imported.path, folder / "capture.arrow")
+    told = {"said": list(imported.said), "left_out": list(imported.left_out)}
+    return {"run": folder.name, "verdict": None, **figures, **told}
 
 
 def _sweep(order: dict[str, Any], out: Path, _: Path, __: Said, progress: Watcher) -> dict[str, Any]:
     from collections import Counter
 
-    from hil.library.campaign import Sweep
+    from hil.library.campaign import carried_out
     from hil.sweeping import local
-    from hil.sweeping.plan import read_plan
-    from hil.sweeping.sweep import sweep
+    from hil.sweeping.request import request_of
 
-    plan = read_plan(Path(order["campaign"]), called=order["typed"])
-    folder = out / plan.campaign.name
-    workers = order.get("workers") or max(local.cores() // 2, 1)
-    done = sweep(plan, folder, workers=workers, progress=progress)
-    if done.made:
-        (folder / "report.html").unlink(missing_ok=True)
+    options: Any = chosen(SweepOptions, order)
+    options["workers"] = options["workers"] or max(local.cores() // 2, 1)
+    request = request_of(order["campaign"], options, called=order["typed"])
+    plan = request.plan
+    swept = carried_out(replace(request, folder=out / plan.campaign.name), progress)
     progress(Progress("report", 0, 0))
-    swept = Sweep(plan, folder)
     swept.report()
     outcomes = dict(Counter(swept.table["outcome"].to_pylist()))
     worst = [{"run": one.run, "value": one.value, "command": one.command} for one in swept.worst[:1]]
     return {
-        "run": None, "verdict": None, "campaign": folder.name, "runs": done.runs, "made": done.made,
+        "run": None, "verdict": None, "campaign": swept.path.name, "runs": len(plan), "made": swept.made,
         "outcomes": outcomes, "figure": plan.campaign.report.figure, "worst": worst,
     }  # fmt: skip
 
@@ -119,6 +128,7 @@ def _of_run(folder: Path) -> dict[str, Any]:
 
 _KINDS: dict[str, Callable[[dict[str, Any], Path, Path, Said, Watcher], dict[str, Any]]] = {
     "run": _run,
+    "record": _record,
     "trace": _trace,
     "replay": _replay,
     "import": _import,

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from hil.errors import told_to_user
+from hil.errors.ending import line_of
 from hil.service.problems import Problem
 from hil.service.security.tokens import Holder
 
@@ -46,8 +46,8 @@ class Audit:
                 self._torn = self._torn or written > 0
                 rest = rest[written:]
         except OSError as error:
-            why = told_to_user(error) or str(error)
-            raise Problem(507, f"the audit log: {why}", "nothing was done; make room and ask again") from None
+            told = f"the audit log: {line_of(error)}"
+            raise Problem(507, told, "nothing was done; make room and ask again") from None
         self._torn = False
 
     def note_anyway(self, who: Holder | str, what: str, **details: Any) -> None:

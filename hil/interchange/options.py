@@ -1,0 +1,36 @@
+"""What may be asked of an import beside the file: one declaration, from which every caller takes its options.
+
+`hil import`, `hil.import_record`, the record of a test and the service's requests are made of it, and what
+`hil.replay`, `hil.trace` and `hil.compare` take for records that are arrays.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from typing_extensions import TypedDict
+
+from hil.options import Called, Help
+
+
+class ImportOptions(TypedDict, total=False):
+    """How a record is to be understood that is no capture yet: a file of another format, or arrays."""
+
+    mapping: Annotated[
+        Path | str | None,
+        Called("map", "m"),
+        Help("Map of columns, units and rate for other layouts; a file or an example."),
+    ]
+    hold: Annotated[
+        Literal["zoh", "foh", "bandlimited"] | None,
+        Help("What the drive did between samples.  [default: the map's, or zoh]"),
+    ]
+    nonuniform: Annotated[bool, Help("Accept uneven time, each step with its length, and gaps.")]
+
+
+class LocalImportOptions(ImportOptions, total=False):
+    """And what names a file of the machine on which it is done."""
+
+    out: Annotated[
+        Path | str | None, Called("out", "o"), Help("Capture to write.  [default: the file's name with .arrow]")
+    ]
+    replace: Annotated[bool, Help("Write over a file that exists already.")]

@@ -1,0 +1,87 @@
+"""Records and benches as they are given: as objects, as paths, by names, as arrays."""
+
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy.typing as npt
+
+from hil.bench import Bench, RateSensorBench, load_any_bench
+from hil.bench.examples import bench_file
+from hil.errors import InputError
+from hil.interchange.options import ImportOptions
+from hil.interchange.request import map_of, require_hold
+from hil.library.arrays import CALLED, Table, columns_of, write_capture
+from hil.library.finished_run import Run
+from hil.library.places import folder_of
+from hil.library.series import Series
+from hil.options import chosen
+from hil.records.runfolder import bench_of_record
+from hil.verdict.next_step import PASSING
+
+AnyBench = Bench | RateSensorBench | Path | str
+Record = Run | Path | str | Mapping[str, npt.ArrayLike] | Table
+Records = Record | Sequence[Record]
+
+
+def several(given: Records) -> tuple[Record, ...]:
+    """One record, or those of a list."""
+    return tuple(given) if isinstance(given, list | tuple) else (given,)  # type: ignore[return-value]
+
+
+def bench_for(records: Records, bench: AnyBench | None) -> AnyBench:
+    """The bench that is given, or else that of the run which the record belongs to.  Raises InputError."""
+    if isinstance(bench, Bench | RateSensorBench):
+        return bench
+    if bench is not None:
+        return bench_file("bench", bench)
+    if len(several(records)) > 1:
+        raise InputError("--bench: missing; of several records, name the one for all of them")
+    (record,) = several(records)
+    if isinstance(record, Run):
+        return record.bench
+    if isinstance(record, str | Path) and (own := bench_of_record(folder_of("record", record))) is not None:
+        return own
+    raise InputError("no bench: give the bench file that declares the device of this record")
+
+
+def observed_bench_for(record: Record, bench: AnyBench | None, name: str) -> Bench:
+    """The same for an observer, with that name where none is given in it.  Raises InputError for a rate sensor."""
+    declared = bench_for(record, bench)
+    if isinstance(declared, str | Path):
+        declared = load_any_bench(Path(declared))
+    if isinstance(declared, RateSensorBench):
+        raise InputError(f"{declared.device.name}: a rate sensor, which no observer runs on; trace its record")
+    return declared.with_(loop={"name": name.format(declared.loop.name)})
+
+
+@contextmanager
+def captured(records: Records, options: ImportOptions) -> Iterator[tuple[Path, ...]]:
+    """The captures of records; of arrays one that lasts as long as it is needed, and that no error names."""
+    given = chosen(ImportOptions, options)
+    require_hold(given["hold"])
+    with ExitStack() as kept:
+        yield tuple([kept.enter_context(_captured(record, given)) for record in several(records)])
+
+
+@contextmanager
+def _captured(record: Record, given: Mapping[str, Any]) -> Iterator[Path]:
+    if (columns := columns_of(record)) is None:
+        if given["mapping"] is not None:
+            raise InputError("mapping: is for arrays; a file is imported by its map, and the capture given here")
+        wanted = "a Run, the path of a run folder or of a capture, or arrays by name"
+        place_of = folder_of("record", record, wanted)
+        yield place_of / "capture.arrow" if place_of.is_dir() else place_of
+        return
+    with tempfile.TemporaryDirectory(prefix=PASSING) as place:
+        capture = Path(place) / "arrays.arrow"
+        own: Any = record.header.get("hold", given["hold"]) if isinstance(record, Series) else given["hold"]
+        write_capture(
+            columns, capture, hold=own, nonuniform=given["nonuniform"], map_file=map_of(given["mapping"])
+        )  # fmt: skip
+        try:
+            yield capture
+        except InputError as error:
+            raise InputError(str(error).replace(str(capture), CALLED)) from None

@@ -1,0 +1,18 @@
+"""What may be asked of a replay beside record and bench: one declaration, from which every caller takes its options."""
+
+from typing import Annotated, Literal
+
+from typing_extensions import TypedDict
+
+from hil.options import Help
+from hil.records.run_name import RunNameOption
+
+
+class ReplayOptions(TypedDict, total=False):
+    """What may be asked of a replay from wherever."""
+
+    name: RunNameOption
+    backend: Annotated[
+        Literal["c", "numpy", "filterpy"] | None,
+        Help("Compiled, or one of the slow oracles.  [default: the bench's]"),
+    ]

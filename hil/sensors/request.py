@@ -1,0 +1,36 @@
+"""A recording of a sensor as it is asked for: for every caller alike."""
+
+import math
+from dataclasses import dataclass
+from numbers import Real
+
+from hil.errors import InputError
+from hil.errors.arguments import require
+from hil.options import chosen
+from hil.records.atomic import require_name
+from hil.sensors.adapter import Port, find_port
+from hil.sensors.options import RecordOptions
+
+
+@dataclass(frozen=True)
+class RecordRequest:
+    """The sensor and its port, the link by its name, and what else is asked, see `RecordOptions`."""
+
+    port: Port
+    link: str
+    duration_s: float
+    name: str
+    note: str | None = None
+    report: bool = True
+
+
+def request_of(link: str, options: RecordOptions) -> RecordRequest:
+    """Put together what is asked; link: `NAME:PATH[?baud=N]`, NAME being that of an adapter.  Raises InputError."""
+    given = chosen(RecordOptions, options)
+    require("link", link, str, "a text such as stim300:/dev/ttyUSB0")
+    require("duration_s", given["duration_s"], Real, "a number of seconds")
+    if not 0.0 < given["duration_s"] < math.inf:
+        raise InputError(f"--duration: {given['duration_s']:g} s; give a time above 0")
+    name = given["name"] or link.partition(":")[0]
+    require_name(name)
+    return RecordRequest(find_port(link), link, **{**given, "name": name})

@@ -1,0 +1,29 @@
+"""What may be asked of a campaign beside its file: one declaration, from which every caller takes its options."""
+
+from pathlib import Path
+from typing import Annotated
+
+from annotated_types import Ge, Le
+from typing_extensions import TypedDict
+
+from hil.options import Called, Help
+
+
+class SweepOptions(TypedDict, total=False):
+    """What may be asked of a campaign from wherever."""
+
+    workers: Annotated[
+        Annotated[int, Ge(1), Le(256)] | None,
+        Help("Processes on this machine.  [default: one for each processor; for a request half as many]"),
+    ]
+
+
+class LocalSweepOptions(SweepOptions, total=False):
+    """And what names a folder, or a machine in the network of the one on which it runs."""
+
+    out: Annotated[
+        Path | str | None,
+        Called("out", "o"),
+        Help("Folder of the results; one with part of them is filled.  [default: runs/NAME]"),
+    ]
+    scheduler: Annotated[str | None, Help("Make the runs on the Dask cluster of this scheduler, tcp://HOST:8786.")]

@@ -1,0 +1,38 @@
+"""How a program ends is decided in one place, and the pages that say so are read from it."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from hil.cli.reference import PAGES, page
+
+ROOT = Path(__file__).parents[1]
+DECIDES = ("hil/errors/",)
+SECOND_PLACES = {
+    "told_to_user(": {"hil/library/words.py", "hil/pytest_plugin.py"},  # only whether it is a user's
+    "fault_line(": {"hil/service/problems.py"},  # without its own words, which a client need not know
+    "kept_fault(": set(),
+    '"a fault of hil': set(),
+}  # fmt: skip
+
+
+def sources() -> list[Path]:
+    return [one for one in sorted((ROOT / "hil").rglob("*.py")) if not str(one.relative_to(ROOT)).startswith(DECIDES)]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_is_as_the_program(name: str) -> None:
+    text = (ROOT / "docs" / "reference" / name).read_text(encoding="utf-8")
+    assert text == page(text, PAGES[name]())
+
+
+@pytest.mark.parametrize("words", SECOND_PLACES)
+def test_no_second_place_decides_how_an_error_is_told(words: str) -> None:
+    found = {str(one.relative_to(ROOT)) for one in sources() if words in one.read_text(encoding="utf-8")}
+    assert found == SECOND_PLACES[words]
+
+
+def test_no_program_ends_by_a_number() -> None:
+    ends = re.compile(r"(?:sys\.exit|os\._exit|typer\.Exit)\((?:code=)?-?\d")
+    assert [str(one.relative_to(ROOT)) for one in sources() if ends.search(one.read_text(encoding="utf-8"))] == []
