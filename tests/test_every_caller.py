@@ -258,7 +258,9 @@ def acting() -> Iterator[Any]:
     for caller in CALLED:
         for option in ACTED:
             if caller not in WITHOUT_FILES or option not in ("truth", "replace"):
-                yield pytest.param(caller, option, id=f"{caller}: {option}")
+                lighter = caller != "--live in this process"  # whose way is that of the two beside it
+                marks = () if lighter else (pytest.mark.long,)
+                yield pytest.param(caller, option, id=f"{caller}: {option}", marks=marks)
 
 
 @pytest.mark.slow

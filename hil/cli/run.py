@@ -69,8 +69,6 @@ def run(
     if not dry_run and not request.emulated:
         consent.require(url, declared, given=arm)
     prepare(declared)
-    if request.truth is not None and not dry_run:
-        request.truth.unlink(missing_ok=True)  # asked for, or it is not there: the board makes it anew
     with watching(declared.loop.name) as watch:
         if live:
             from hil.cli.run_live import run_live

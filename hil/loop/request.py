@@ -23,7 +23,8 @@ class RunRequest:
     """The bench with what was given in the place of its keys, and the link with an emulated board's scenario as a path.
 
     open_loop: the drive is held at zero.  dry_run: nothing is armed, nothing recorded.  truth: file for the truth of
-    an emulated board.  note: of the operator, for result.json.  wire_log: file for the frames of a CAN link.
+    an emulated board.  replace: one that is there may be removed.  note: of the operator, for result.json.  wire_log:
+    file for the frames of a CAN link.
     own_board: an emulated board is to be started for this run, and not one that serves already to be used.
     """
 
@@ -32,6 +33,7 @@ class RunRequest:
     open_loop: bool = False
     dry_run: bool = False
     truth: Path | None = None
+    replace: bool = False
     note: str | None = None
     wire_log: Path | None = None
     own_board: bool = False
@@ -77,7 +79,8 @@ def request_of(
     if truth is not None:
         fresh(truth, replace=bool(given["replace"]), place="--truth: ")
     own_board = is_emulated(url) and not (truth is None and given["seed"] is None)
-    return RunRequest(declared, url, open_loop, dry_run, truth, given["note"], log, own_board)
+    replace = bool(given["replace"])
+    return RunRequest(declared, url, open_loop, dry_run, truth, replace, given["note"], log, own_board)
 
 
 def require_consent(request: RunRequest, *, given: bool) -> None:

@@ -78,6 +78,8 @@ def run(
     if request.open_loop:
         controller = bench.controller.model_copy(update={"enabled": False})
         bench = bench.model_copy(update={"controller": controller})
+    if truth is not None and request.replace and not dry_run:
+        truth.unlink(missing_ok=True)  # the board makes it anew, and writes over none
     said = "nothing was armed"
     try:
         number = None if control is None else control.fileno()

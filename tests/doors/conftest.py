@@ -1,11 +1,19 @@
 """A package beside the bench, as pip would install it: for this process and for those it starts."""
 
 import os
+import pty
 import sys
-from collections.abc import Callable
+import threading
+import time
+import tty
+from collections.abc import Callable, Iterator
+from functools import reduce
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from hil.bench.examples import directory
 
 Install = Callable[[str, str, str, str], None]
 
@@ -26,3 +34,50 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
         monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(site), os.environ.get("PYTHONPATH", "")]))
 
     return put
+
+
+BROKEN = "import no_such_package\n"
+"""A package that cannot be loaded."""
+
+
+@pytest.fixture
+def sensor() -> Iterator[str]:
+    """A port at which the example's sensor writes a line a hundredth of a second."""
+    ours, theirs = pty.openpty()
+    tty.setraw(theirs)
+    ended = threading.Event()
+    thread = threading.Thread(target=_write, args=(ours, ended))
+    thread.start()
+    try:
+        yield os.ttyname(theirs)
+    finally:
+        ended.set()
+        thread.join()
+        os.close(theirs)
+        os.close(ours)
+
+
+def _write(port: int, ended: threading.Event) -> None:
+    begin, counter = time.monotonic(), 0
+    os.set_blocking(port, False)
+    while not ended.is_set():
+        body = f"G,{counter % 256},{1000 + counter % 7}".encode()
+        checksum = reduce(lambda found, byte: found ^ byte, body)
+        try:
+            os.write(port, b"$" + body + f"*{checksum:02X}\r\n".encode())
+        except BlockingIOError:  # nobody reads
+            time.sleep(0.01)
+        counter += 1
+        time.sleep(max(0.0, begin + 0.01 * counter - time.monotonic()))
+
+
+def example(module: str) -> str:
+    """The text of a module of the example package."""
+    return (directory() / "doors" / "doors" / f"{module}.py").read_text(encoding="utf-8")
+
+
+def doubles(place: Path, rows: int = 400) -> Path:
+    """A file of the example's format."""
+    columns = [np.arange(rows) / 1000.0, np.sin(np.arange(rows)), np.zeros(rows)]
+    np.column_stack(columns).astype("<f8").tofile(place)
+    return place

@@ -1,16 +1,23 @@
-"""A format that a package brings is read as one of the bench's own."""
+"""A format that a package brings is read on every side: command line, library, service, client, pytest."""
 
 import json
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+import hil
+from hil.client import connect
 from hil.errors import InputError
 from hil.interchange.importer import import_record
-from tests.doors.conftest import Install
+from tests.doors.conftest import BROKEN, Install, doubles
+from tests.service.serving import Serving, serving
+from tests.test_pytest_plugin import PLUGIN
+
+pytest_plugins = ["pytester"]
 
 READER = """
 import struct
@@ -25,10 +32,7 @@ def columns(path):
 
 @pytest.fixture
 def record(tmp_path: Path) -> Path:
-    rows = np.column_stack([np.arange(400) / 1000.0, np.sin(np.arange(400)), np.zeros(400)])
-    place = tmp_path / "drive.abc"
-    place.write_bytes(rows.astype("<f8").tobytes())
-    return place
+    return doubles(tmp_path / "drive.abc")
 
 
 def test_its_columns_become_a_capture(record: Path, tmp_path: Path, install: Install) -> None:
@@ -80,3 +84,83 @@ def test_a_broken_package_is_in_no_other_files_way(tmp_path: Path, install: Inst
     rows = "".join(f"{k / 1000:.3f},{k % 7 / 10},0\n" for k in range(50))
     (tmp_path / "ride.csv").write_text(f"t_s,vx_V,ux_mps2\n{rows}")
     assert len(import_record(tmp_path / "ride.csv", tmp_path / "ride.arrow")) == 50
+
+
+def test_the_library_reads_it(record: Path, tmp_path: Path, install: Install) -> None:
+    install("hil.importers", "abc", "columns", READER)
+    imported = hil.import_record(record, out=tmp_path / "made.arrow")
+    assert (imported.path, len(imported.capture)) == (tmp_path / "made.arrow", 400)
+    with pytest.raises(InputError, match=r"exists already; give another name, or replace="):
+        hil.import_record(record, out=tmp_path / "made.arrow")
+
+
+def by_a_job(service: Serving, record: Path) -> dict[str, object]:
+    sent = service.ask("POST", "/api/uploads", files={"record": (record.name, record.read_bytes())})
+    if sent.status_code != 201:
+        return dict(sent.json())
+    row = service.ask("POST", "/api/jobs", json={"kind": "import", "upload": sent.json()["id"]}).json()
+    while row.get("state") in ("queued", "running"):
+        time.sleep(0.2)
+        row = service.ask("GET", f"/api/jobs/{row['id']}").json()
+    return dict(row)
+
+
+@pytest.mark.slow
+def test_the_service_reads_it(record: Path, tmp_path: Path, install: Install) -> None:
+    install("hil.importers", "abc", "columns", READER)
+    with serving(tmp_path / "runs") as service:
+        row = by_a_job(service, record)
+        assert row["state"] == "done", row
+        assert row["result"]["samples"] == 400  # type: ignore[index]
+
+
+@pytest.mark.slow
+def test_the_client_sends_it_with_its_map(record: Path, tmp_path: Path, install: Install) -> None:
+    install("hil.importers", "abc", "columns", READER)
+    (tmp_path / "mine.map.toml").write_text('hold = "foh"\n')
+    with serving(tmp_path / "runs") as service, connect(service.url, service.token()) as client:
+        run = client.import_record(record, name="ride", mapping=tmp_path / "mine.map.toml")
+        assert len(run.capture) == 400
+        assert run.capture.header["hold"] == "foh"
+
+
+@pytest.mark.slow
+def test_pytest_reads_it(record: Path, install: Install, pytester: pytest.Pytester) -> None:
+    install("hil.importers", "abc", "columns", READER)
+    pytester.makepyfile("def test_it(record):\n    assert len(record.capture) == 400\n")
+    pytester.runpytest_subprocess(*PLUGIN, "--hil-record", str(record)).assert_outcomes(passed=1)
+
+
+SAYS = "brought_abc:columns cannot be loaded: No module named 'no_such_package'"
+REMEDY = "mend or remove the package that brings it"
+
+
+def test_a_broken_package_is_one_line_on_the_command_line(record: Path, tmp_path: Path, install: Install) -> None:
+    install("hil.importers", "abc", "columns", BROKEN)
+    words = ["import", str(record), "--out", str(tmp_path / "made.arrow"), "--json"]
+    done = subprocess.run([sys.executable, "-m", "hil", *words], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert done.stderr == f"hil: {record}: {SAYS}; {REMEDY}\n"
+    assert json.loads(done.stdout)["remedy"] == REMEDY
+
+
+@pytest.mark.slow
+def test_a_broken_package_is_one_line_in_the_service_which_goes_on(
+    record: Path, tmp_path: Path, install: Install
+) -> None:
+    install("hil.importers", "abc", "columns", BROKEN)
+    rows = "".join(f"{k / 1000:.3f},{k % 7 / 10},0\n" for k in range(50))
+    (tmp_path / "ride.csv").write_text(f"t_s,vx_V,ux_mps2\n{rows}")
+    with serving(tmp_path / "runs") as service:
+        row = by_a_job(service, record)
+        assert (row["state"], row["error"]) == ("failed", f"drive.abc: {SAYS}; {REMEDY}")
+        assert by_a_job(service, tmp_path / "ride.csv")["state"] == "done"
+
+
+@pytest.mark.slow
+def test_a_broken_package_is_one_line_in_pytest(record: Path, install: Install, pytester: pytest.Pytester) -> None:
+    install("hil.importers", "abc", "columns", BROKEN)
+    pytester.makepyfile("def test_it(record):\n    pass\n\ndef test_other():\n    pass\n")
+    result = pytester.runpytest_subprocess(*PLUGIN, "--hil-record", str(record))
+    result.assert_outcomes(passed=1, errors=1)
+    result.stdout.fnmatch_lines([f"*{record}: {SAYS}; {REMEDY}"])
