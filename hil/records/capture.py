@@ -6,6 +6,7 @@ see no difference: volts, drive in its unit, seconds. Row m carries the sense va
 value at t_m.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntFlag
@@ -184,7 +185,8 @@ class Capture(Table):
 def read_capture(path: Path) -> Capture:
     """Read a capture, whole or cut; see `read_blocks` for what is refused."""
     blocks = read_blocks(path, "capture")
-    if "tick" not in blocks.columns or not any(name.startswith(("vx_", "rate_x_")) for name in blocks.columns):
+    sensed = any(name.startswith("vx_") or re.fullmatch("rate_.+_code", name) for name in blocks.columns)
+    if "tick" not in blocks.columns or not sensed:
         raise InputError(f"{path}: a capture without tick or vx column; record or import it again")
     return Capture(blocks.columns, blocks.header, blocks.complete, blocks.sealed)
 

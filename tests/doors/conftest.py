@@ -1,8 +1,10 @@
 """A package beside the bench, as pip would install it: for this process and for those it starts."""
 
+import fcntl
 import os
 import pty
 import sys
+import termios
 import threading
 import time
 import tty
@@ -36,6 +38,7 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
     return put
 
 
+_KEPT = 64  # bytes
 BROKEN = "import no_such_package\n"
 """A package that cannot be loaded."""
 
@@ -46,7 +49,7 @@ def sensor() -> Iterator[str]:
     ours, theirs = pty.openpty()
     tty.setraw(theirs)
     ended = threading.Event()
-    thread = threading.Thread(target=_write, args=(ours, ended))
+    thread = threading.Thread(target=_write, args=(ours, theirs, ended))
     thread.start()
     try:
         yield os.ttyname(theirs)
@@ -57,18 +60,21 @@ def sensor() -> Iterator[str]:
         os.close(ours)
 
 
-def _write(port: int, ended: threading.Event) -> None:
+def _write(port: int, other_end: int, ended: threading.Event) -> None:
+    """What nobody reads is not kept: who begins to listen hears what comes then."""
     begin, counter = time.monotonic(), 0
-    os.set_blocking(port, False)
     while not ended.is_set():
         body = f"G,{counter % 256},{1000 + counter % 7}".encode()
         checksum = reduce(lambda found, byte: found ^ byte, body)
-        try:
+        if _waiting(other_end) < _KEPT:
             os.write(port, b"$" + body + f"*{checksum:02X}\r\n".encode())
-        except BlockingIOError:  # nobody reads
-            time.sleep(0.01)
         counter += 1
         time.sleep(max(0.0, begin + 0.01 * counter - time.monotonic()))
+
+
+def _waiting(port: int) -> int:
+    """Bytes that are there to be read."""
+    return int.from_bytes(fcntl.ioctl(port, termios.FIONREAD, bytes(4)), sys.byteorder)
 
 
 def example(module: str) -> str:
