@@ -66,7 +66,6 @@ _TRACE = {
     "nested": "nested",
     "probability": "probability closed_forms",
     "promises": "promises promised closed_forms",
-    "rings": "rings",
     "sidebands": "sidebands",
 }
 _IDENTIFICATION = {
@@ -80,6 +79,7 @@ _IDENTIFICATION = {
     "prediction": "prediction free_runs_of_a_ring_down",
     "problem": "problem",
     "rest": "rest",
+    "rings": "rings",
     "start": "start",
     "start_values": "start_values watch_list",
     "symmetries": "symmetries",

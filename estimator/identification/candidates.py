@@ -13,6 +13,7 @@ from estimator.effects.labels import kind
 from estimator.effects.search import Search
 from estimator.identification.likelihood import Evaluation
 from estimator.identification.problem import Effects, Problem
+from estimator.identification.rings import rings
 from estimator.identification.start_values import Values, has_signals, labelled, of_lines, of_modes, of_thresholds
 from estimator.observer import senses_allow
 from estimator.scaling import Scaling
@@ -33,7 +34,7 @@ def candidates(problem: Problem, included: Effects, seen: Evaluation, *, freely:
     kinds = {kind(name) for name in included}
     found = {}
     for effect in _possible(problem, freely):
-        several = effect.search in (Search.LINES, Search.MODES)
+        several = effect.search in (Search.LINES, Search.MODES, Search.RINGS)
         if effect.name in kinds and not several:
             continue
         for label, given in (*_given(problem, effect, starts), *_in_place_of(effect, included)):
@@ -79,6 +80,10 @@ def _starts(problem: Problem, seen: Evaluation) -> dict[Search, Values]:
         Search.SPEEDS: labelled(SPEEDS, device.amplitude * omega0),
         Search.LINES: of_lines(record, device, whitened),
         Search.MODES: of_modes(record, device, whitened),
+        Search.RINGS: [
+            (str(label), ring)
+            for label, ring in enumerate(rings([seen.innovation], device.sample_rate, omega0), start=1)
+        ],
         **of_thresholds(record, device),
     }
 
@@ -86,6 +91,8 @@ def _starts(problem: Problem, seen: Evaluation) -> dict[Search, Values]:
 def _given(problem: Problem, effect: Effect, starts: dict[Search, Values]) -> Iterator[tuple[str, dict[str, float]]]:
     """The effect's parameters at each of its starts, with a label."""
     names = [parameter.name for parameter in effect.parameters]
+    if effect.search is Search.RINGS:
+        names = [coefficient.name for coefficient in effect.coefficients[:2]]
     if not names:
         yield "", {}
     elif effect.search is not None:

@@ -107,8 +107,8 @@ def prior(seen: Evidence) -> list[Check]:
     off = (seen.model.model.theta - layout.mean) / layout.deviation
     deviation = deviations(seen.model) / layout.deviation
     checks = []
-    for k, owner in enumerate(layout.owner):
-        if owner or layout.names[k] in layout.varying:
+    for k in layout.constants:
+        if layout.names[k] in layout.varying:
             continue
         distance = float(abs(off[k]))
         sure = float(abs(off[k]) / np.hypot(1.0, deviation[k]))

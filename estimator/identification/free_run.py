@@ -312,7 +312,7 @@ class _Run:
         rows = self._run(record, before, start, self.known, self.moved, self.tested)
         c = len(self.known)
         if self.moved and len(rows):
-            own = c + np.flatnonzero(np.isin(self.layout.kept, self.of_start))
+            own = np.array([*self.own, *(c + np.flatnonzero(np.isin(self.layout.kept, self.of_start)))])
             seen = np.flatnonzero(~np.isnan(rows[:, -1]))
             others = np.setdiff1d(np.arange(rows.shape[1] - 2), own)
             answer = np.linalg.lstsq(rows[np.ix_(seen, own)], rows[np.ix_(seen, others)], rcond=BLIND)[0]
@@ -328,28 +328,50 @@ class _Run:
         states = np.arange(self.observer.states)
         return np.union1d(states, self.layout.kept) if self.of.alone else states
 
+    @property
+    def own(self) -> list[int]:
+        """Coefficients of where a record begins, which one by itself tells with its start."""
+        names = {c.name for effect in self.layout.effects for c in effect.coefficients if c.own}
+        return [k for k in range(len(self.layout.index)) if self.of.alone and self.layout.names[k] in names]
+
     def _told(self, record: Record, before: Beginning, start: Array) -> Array:
-        """The start whose run lies closest to a record; beside the motion, as sure beforehand as it is declared."""
-        states, rows_of = self.observer.states, self.of_start
-        nearest, least, given = start, np.inf, start
-        deviation = dict(zip(self.layout.kept.tolist(), self.layout.deviation[self.layout.start].tolist(), strict=True))
-        sure = np.array([1.0 / deviation[k] for k in rows_of[states:].tolist()])
-        prior = np.hstack([np.zeros((len(sure), states)), np.diag(sure)])
+        """The start whose run lies closest to a record, and in the model the coefficients of where it begins; beside
+        the motion, as sure beforehand as they are declared.
+        """
+        own, states, layout = self.own, self.observer.states, self.layout
+        m, rows_of = len(own), self.of_start
+        beside = [int(np.flatnonzero(layout.kept == k)[0]) for k in rows_of[states:].tolist()]
+        deviation = np.concatenate(
+            [layout.deviation[own], np.full(states, np.inf), layout.deviation[layout.start[beside]]]
+        )
+        given = np.concatenate([layout.mean[own], start[rows_of]])
+        now = np.concatenate([self.model.theta[own], start[rows_of]])
+        nearest, least = now, np.inf
         for _ in range(ROUNDS):
-            rows = self._run(record, before, start, self.known[:0], -1, {})
+            rows = self._run(record, before, self._begin(start, now), layout.index[own], -1, {})
             told = rows[~np.isnan(rows[:, -1])]
-            off = sure * (start - given)[rows_of[states:]]
+            off = (now - given) / deviation
             power = float(np.sum(told[:, -2] ** 2) + np.sum(off**2))
             if not np.isfinite(power) or len(told) < states:
                 break
             if power < least:
-                gained, nearest, least = least - power, start, power
+                gained, nearest, least = least - power, now, power
                 if gained < BLIND * power:
                     break
-            design = np.vstack([told[:, : len(rows_of)], prior])
-            start = start.copy()
-            start[rows_of] -= np.linalg.lstsq(design, np.concatenate([told[:, -2], off]), rcond=BLIND)[0]
-        return nearest
+            design = np.vstack([told[:, : m + len(rows_of)], np.diag(1.0 / deviation)])
+            now = now - np.linalg.lstsq(design, np.concatenate([told[:, -2], off]), rcond=BLIND)[0]
+        return self._begin(start, nearest)
+
+    def _begin(self, start: Array, told: Array) -> Array:
+        """The start with what a part tells of it; the coefficients of where a record begins go into the model."""
+        m = len(self.own)
+        if m:
+            theta = self.model.theta.copy()
+            theta[self.own] = told[:m]
+            self.model = replace(self.model, theta=theta)
+        begun = start.copy()
+        begun[self.of_start] = told[m:]
+        return begun
 
     def _run(
         self,

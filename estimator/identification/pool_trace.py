@@ -31,7 +31,7 @@ from estimator.identification.named import constants_of, effects_of, found_of
 from estimator.identification.pairs import pairs_of
 from estimator.identification.pool import Pool
 from estimator.identification.pooled import Pooled, end_to_end, pooled
-from estimator.identification.pooled_layout import PooledLayout, constant_of, is_own_name, of_records
+from estimator.identification.pooled_layout import PooledLayout, constant_of, of_records
 from estimator.identification.probabilities import probabilities
 from estimator.identification.rejected import rejected
 from estimator.identification.result import READ, Judged, reasons_of
@@ -69,7 +69,7 @@ def _diagnosis(whole: Pooled, chosen: Chosen, judged: Judged, before: Examinatio
     carried = of_records(effects_of(model))
     reader = AngleReader(problem.part(slice(0, READ)))
     named = [name for name in judged.named if constant_of(name) is None]
-    effects = tuple(_of_device(found_of(name, evidence, carried, reader)) for name in named)
+    effects = tuple(_of_device(whole, name, found_of(name, evidence, carried, reader)) for name in named)
     dependences = tuple(_dependence(whole, evidence, name) for name in judged.named if constant_of(name) is not None)
     groups = {name: chosen.groups[name] for name in judged.named}
     others = rejected(evidence.of, problem.device, chosen.found, groups, judged.failed)
@@ -122,10 +122,10 @@ def _fit(left: Array, noise: Array) -> Fit:
     return Fit(tuple(rms.tolist()), tuple(noise.tolist()), ratio, float("nan"), simulation_rmse=whole)
 
 
-def _of_device(found: Found) -> Found:
+def _of_device(whole: Pooled, name: str, found: Found) -> Found:
     """An effect less what each record has of its own."""
-    own = (name for name in found.coefficients if is_own_name(name))
-    return replace(found, coefficients={k: v for k, v in found.coefficients.items() if k not in set(own)})
+    own = {kind(c.name) for c in whole.parts[0].of.effect(name).coefficients if c.own}
+    return replace(found, coefficients={k: v for k, v in found.coefficients.items() if k not in own})
 
 
 def _dependence(whole: Pooled, evidence: Evidence, name: str) -> Dependence:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from estimator.identification.problem import Problem
+from estimator.identification.rings import begun
 from estimator.observer import Observer
 from estimator.refinement import Refined
 from estimator.thresholds import THRESHOLDS
@@ -26,7 +27,6 @@ from estimator.trace.free_run_model import (
 )
 from estimator.trace.nested import simpler_by_standing
 from estimator.trace.probability import Account, of_rounds
-from estimator.trace.rings import begun
 
 _SET = THRESHOLDS.free_runs
 

@@ -12,16 +12,16 @@ from benchmarks.laboratory.rows import figures, pooled
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
+from estimator.identification.pool import Member, Pool
+from estimator.identification.pool_trace import trace_pool
 from estimator.identification.problem import Problem
+from estimator.identification.rings import begun, rings
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.free_run import trace_free_run
 from estimator.trace.free_run_model import candidates
-from estimator.trace.pool.members import Member, Pool
-from estimator.trace.pool.trace import trace_pool
-from estimator.trace.rings import begun, rings
 
 RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0
 K, D, NOISE = ITSELF**2, 3.0, 1e-4
@@ -95,7 +95,7 @@ def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_l
 ) -> None:
     """A decay that no resonance tells, within the longest residual; the mean, which was taken off, tells nothing."""
     asked: list[tuple[Array, list[Array]]] = []
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append((omega, seen)))
+    monkeypatch.setattr("estimator.identification.rings.resonance", lambda omega, seen: asked.append((omega, seen)))
     line = (1.0, 0.2 * ITSELF, DM, 0.3)  # in its first 40 samples less than a cycle
     ((top, decay), *_) = rings([clear(line, samples=40), clear(line, samples=30)], RATE, ITSELF)
     assert decay == 2.0 / (40 / RATE)
@@ -110,7 +110,7 @@ def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_s
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[Array] = []
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append(omega))
+    monkeypatch.setattr("estimator.identification.rings.resonance", lambda omega, seen: asked.append(omega))
     ((top, _), *_) = rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)
     omega, *_ = asked
     assert len(omega) == 17
@@ -119,7 +119,7 @@ def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_s
 
 def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
     """2ζω, of a mode with the ζ and ω that are read."""
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (300.0, 0.01))
+    monkeypatch.setattr("estimator.identification.rings.resonance", lambda omega, seen: (300.0, 0.01))
     assert rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)[0] == (300.0, pytest.approx(6.0))
 
 
@@ -127,13 +127,13 @@ def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, order: float, told: bool) -> None:
     """Of an eighth, which a spectrum with 128 bins to the resonance hits."""
     monkeypatch.setattr(
-        "estimator.trace.rings._SET", replace(THRESHOLDS.candidates, ring_apart=0.125, ring_bins=8, rings=99)
+        "estimator.identification.rings._SET", replace(THRESHOLDS.candidates, ring_apart=0.125, ring_bins=8, rings=99)
     )
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (float(omega[8]), 0.1))
+    monkeypatch.setattr("estimator.identification.rings.resonance", lambda omega, seen: (float(omega[8]), 0.1))
     itself, samples = 64.0, 128  # bins of half a hertz
     beside = np.zeros(8 * samples // 2 + 1)
     beside[round(order * itself * 2.0)] = 1.0
-    monkeypatch.setattr("estimator.trace.rings.find_peaks", lambda power: (np.flatnonzero(beside), {}))
+    monkeypatch.setattr("estimator.identification.rings.find_peaks", lambda power: (np.flatnonzero(beside), {}))
     found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
     assert bool(found) is told
     beside[[192, 192 + 16 - 1, 192 + 16]] = 1.0  # one and a half, an eighth of the resonance on, and less
@@ -180,10 +180,10 @@ SETTINGS = ObserverSettings(gain=Gain.EKF, spread=Spread(offset=NOISE, drive_gai
 ALONE = replace(SETTINGS, spread=replace(SETTINGS.spread, drive_gain=0.1))
 
 
-def together(*asked: str, ringing: bool = True) -> Diagnosis:
+def together(*, ringing: bool = True) -> Diagnosis:
     rng = np.random.default_rng(3)
     members = tuple(Member(f"ring {number}", decay(rng, ringing)) for number in range(4))
-    return trace_pool(Pool(members, device(), SETTINGS, asked=asked), (1,))
+    return trace_pool(Pool(members, device(), SETTINGS), (1,))
 
 
 def inside(found: Diagnosis) -> None:
@@ -198,7 +198,7 @@ def inside(found: Diagnosis) -> None:
 
 @pytest.mark.moderate
 def test_decays_share_its_frequency_and_damping_and_begin_each_as_it_does() -> None:
-    found = together(NAME)
+    found = together()
     assert found.verdict is Verdict.EXPLAINED
     inside(found)
     assert set(found.effects[0].coefficients) == {"wm", "dm"}
@@ -207,15 +207,8 @@ def test_decays_share_its_frequency_and_damping_and_begin_each_as_it_does() -> N
 
 
 @pytest.mark.moderate
-def test_nobody_asks_and_it_stays_unexplained() -> None:
-    found = together()
-    assert found.verdict in (Verdict.UNEXPLAINED, Verdict.PARTLY)
-    assert NAME not in [effect.name for effect in found.effects]
-
-
-@pytest.mark.moderate
 def test_one_mode_alone_needs_no_other() -> None:
-    found = together(NAME, ringing=False)
+    found = together(ringing=False)
     assert (found.verdict, found.effects) == (Verdict.ADEQUATE, ())
 
 
