@@ -5,7 +5,7 @@ Angle per rotation: Ω 1e-3 ω0, virtual rotation 5e-3 ω0, ten turns after conv
 angle and of the pattern with only the virtual rotation taken off.  At 40 % several seeds and 80 dB beside 60: what is
 left there is noise, not the matrix.  The drive being known, an unknown rate shows in the motion of the open-loop gyro,
 whose modes a split of Δk takes ½ Δk/k off the vibration: its response, and with it what a second tells of the rate,
-falls as the split grows (docs/decisions/gain-matrix.md).
+falls as the split grows (docs/decisions/0014-gain-matrix.md).
 
 Estimates beside force mode: the same device, excitation (dither of 1e-3 k A, virtual rotation) and observer, once with
 the board closing the loop and once with the host answering every sample; errors at the ends of 400 segments of one

@@ -140,7 +140,7 @@ Beside its base a mass feels minus the base's acceleration as a force per unit m
 m/s² (`[device.drive] unit = "mps2"`). Displacement and velocity are differentiated by a spline of degree 7 through the
 samples; noise in them grows with the square of the frequency, so give a filter with them. A sensor that stands beside
 the base, as a laser vibrometer does, sees the base as well: `frame = "absolute"`, with a unit of motion, takes it off.
-`hold = "zoh"` has no meaning for a base. [Why so](../decisions/laboratory-records.md).
+`hold = "zoh"` has no meaning for a base. [Why so](../decisions/0022-records-from-elsewhere.md).
 """
 
 _HOLD = """
@@ -187,7 +187,7 @@ noise_V = 0.05         # of a sample, in dB
 ```
 
 `sample_rate_Hz` is that of the amplitude, and may be far below the resonance. `hil trace` names the law of damping;
-frequencies stay as declared, and no filter, drive or second axis goes with it ([how](../decisions/envelope.md)).
+frequencies stay as declared, and no filter, drive or second axis goes with it ([how](../decisions/0028-envelope.md)).
 """
 
 _SEGMENTS = """

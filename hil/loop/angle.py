@@ -1,7 +1,7 @@
 """The angle that a run reports, row by row: counted from its zero, its standard uncertainty, where it means something.
 
 The zero is that of the uncertainty: the first row, and from the start of the scored window on the angle there.  By then
-the observer has settled, and what it did not know before is in neither (docs/decisions/angle-zero.md).
+the observer has settled, and what it did not know before is in neither (docs/decisions/0005-reported-angle.md).
 """
 
 import math

@@ -3,7 +3,7 @@
 Linux passes what was written to a pty, or came from a serial adapter, on to its reader by a worker thread of the kernel
 (`kworker/u…`; drivers/tty/tty_buffer.c).  That thread has ordinary priority, however urgent loop and board are: beside
 any other work the bytes wait for it.  At 4 kHz over a pty that made most of the late answers
-(docs/decisions/line-workers.md).
+(docs/decisions/0006-loop-process.md).
 
 `python -m hil.loop.line_workers`, as root, does it until it is ended: for loops of users who may not.
 """

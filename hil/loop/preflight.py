@@ -60,7 +60,7 @@ def require_plausible(identity: Identity, link: str) -> None:
 
 def require_undone(bench: Bench) -> None:
     """InputError for an effect whose force depends on the way that the mass came: in the loop the observer does not
-    carry its past on, and would make the angle worse (docs/decisions/effects.md).
+    carry its past on, and would make the angle worse (docs/decisions/0009-effects.md).
     """
     if not bench.effects.named:
         return

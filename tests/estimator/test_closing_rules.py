@@ -1,5 +1,5 @@
-"""The closing scan's rules that need no observer: docs/decisions/closing-scan.md, and the closed forms of how far the
-angle is off. The scans themselves are in test_completeness.py.
+"""The closing scan's rules that need no observer, docs/decisions/0019-closing-scan.md, and the closed forms of how far
+the angle is off. The scans themselves are in test_completeness.py.
 """
 
 import math

@@ -485,7 +485,7 @@ def test_gains_are_gathered_at_the_nearest_angle_and_phase(angles: int, phases: 
 @pytest.mark.parametrize("latency", [0, 1, 3])
 def test_a_virtual_rotation_turns_round_where_its_drive_acts(latency: int) -> None:
     """The drive computed from a sample acts `latency` samples on: its rotation is that of then, docs/decisions/
-    virtual-rotation-reversed.md: forward for half a period about zero, then back.
+    0005-reported-angle.md: forward for half a period about zero, then back.
     """
     made = observer(virtual_rotation=0.02)
     settings, memory = made.arrays.settings[0], made.arrays.memory[0]

@@ -1,4 +1,4 @@
-"""docs/safety.md, The host, rule 6, and docs/decisions/latching.md: what accounts for a stop, and what does not."""
+"""What accounts for a stop and what does not: docs/safety.md, rule 6; docs/decisions/0002-arming-and-latching.md."""
 
 from collections.abc import Iterator
 
@@ -71,7 +71,7 @@ def test_a_host_that_was_silent_for_the_watchdog_accounts_for_it(ends: tuple[End
     kept.silent(WATCHDOG_NS)
     kept.silent(1)  # the longest of its silences counts
     assert kept.of_watchdog(STOPPED) == "this host sent nothing for 0.5 s"
-    assert kept.of_silence(STOPPED) == ""  # docs/decisions/latching.md: silence is not loss
+    assert kept.of_silence(STOPPED) == ""  # docs/decisions/0002-arming-and-latching.md: silence is not loss
 
 
 @pytest.mark.parametrize("block", [1, 60])

@@ -1,6 +1,6 @@
 """The rows of the reported angle: one zero for the angle and its uncertainty, and every source in every row.
 
-docs/decisions/angle-zero.md, docs/explanation.md (What the angle is uncertain by).
+docs/decisions/0005-reported-angle.md, docs/explanation.md (What the angle is uncertain by).
 """
 
 import math

@@ -33,7 +33,7 @@ def test_a_folder_that_is_not_there_is_one_line(tmp_path):
 @pytest.mark.slow
 def test_absent_records_are_named_and_nothing_is_written_over(tmp_path):
     (tmp_path / "m.json").write_text(json.dumps([ROW._asdict()]))
-    page = tmp_path / "page.md"
+    page = tmp_path / "measured.md"
     page.write_text("as it was")
     done = run("emps", "--data", str(tmp_path), "--out", str(tmp_path / "m.json"), "--page", str(page))
     assert done.returncode == 1
@@ -72,9 +72,9 @@ def test_the_page_holds_table_words_and_the_same_figure_each_time(tmp_path):
     panel = Panel("box", "Box", x, "time, s", [("before", x), ("after", x**2)], "mV")
     figures = []
     for _ in range(2):
-        write_page(tmp_path / "docs" / "page.md", [Outcome("Box", [ROW, ROW], ["Some words."], [panel], 12.3)])
+        write_page(tmp_path / "docs" / "measured.md", [Outcome("Box", [ROW, ROW], ["Some words."], [panel], 12.3)])
         figures.append((tmp_path / "docs" / "measured-box.svg").read_bytes())
-    text = (tmp_path / "docs" / "page.md").read_text()
+    text = (tmp_path / "docs" / "measured.md").read_text()
     assert "| box | test | free-run RMSE, mV | 7 | 0.25 | explained | cubic_stiffness | 12 |" in text
     assert "| box | test | free-run RMSE, mV | 7 | 0.25 | explained | cubic_stiffness |  |" in text  # once a record
     assert "![Box](measured-box.svg)" in text

@@ -1,4 +1,4 @@
-"""U is never below an error that the verdict names beside it (docs/decisions/undeclared-in-the-budget.md)."""
+"""U is never below an error that the verdict names beside it (docs/decisions/0019-closing-scan.md)."""
 
 import numpy as np
 import pytest

@@ -264,7 +264,7 @@ drive is zero until a frame permits one. SENSE echoes the drive as applied, `mat
 
 What is optional comes in parts: messages, registers and enumerations that belong to one bit of `capabilities`. It
 stands outside of the spec hash, so that one more part needs no new protocol number
-([why so](decisions/optional-parts.md)). For that
+([why so](decisions/0003-wire.md)). For that
 
 - a published part never changes: what is to be otherwise is another part, with a type and a bit of its own;
 - types {optional_first} to {optional_last} are for optional messages, known or to come;
