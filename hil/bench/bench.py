@@ -1,46 +1,24 @@
 """A whole bench file: its tables together, and how it is read."""
 
-import math
 import warnings
 from collections.abc import Mapping
-from fractions import Fraction
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, model_validator
 
-from hil.bench.device import Device
 from hil.bench.improbable import beside
-from hil.bench.loop import Controller, Limits, Link, Loop
-from hil.bench.observer import BACKEND_BEFORE, Observer
-from hil.bench.own import Effects
+from hil.bench.observer import BACKEND_BEFORE
 from hil.bench.plausible import implausible
 from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import Section, check_matrix
+from hil.bench.tables import Tables
 from hil.errors import InputError
 from hil.errors.strict_toml import parse_table, read_table
 
-_WATCHDOG_S, _MEMORY_S, _MEMORY_CYCLES = 0.02, 1.0, 10.0  # where a bench file says nothing
 
-
-class Bench(Section):
+class Bench(Tables):
     """A whole bench file."""
-
-    link: Link = Link()
-    """table [link]"""
-    device: Device
-    """table [device]"""
-    loop: Loop = Loop()
-    """table [loop]"""
-    observer: Observer = Observer()
-    """table [observer]"""
-    controller: Controller = Controller()
-    """table [controller]"""
-    limits: Limits = Limits()
-    """table [limits]"""
-    effects: Effects = Field(default_factory=lambda: Effects.model_validate({}))
-    """What the base model lacks and the observer is to carry: one table per effect with initial values of its
-    coefficients, in SI per unit mass (0 where not given). The effects and their coefficients stand in effects.md."""
 
     @model_validator(mode="after")
     def _sections_agree(self) -> Self:
@@ -63,9 +41,9 @@ class Bench(Section):
                 raise ValueError(f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}")
         if self.loop.in_blocks and axes != 2:
             raise ValueError(f'[loop] mode: "{self.loop.mode}" needs axes = 2, not {axes}; use "force"')
-        if self.link.watchdog_s is not None and self.link.watchdog_s < self._shortest_watchdog_s:
+        if self.link.watchdog_s is not None and self.link.watchdog_s < self.shortest_watchdog_s:
             what = "three blocks" if self.loop.in_blocks else "two samples"
-            raise ValueError(f"[link] watchdog_s: shorter than {what} ({self._shortest_watchdog_s:g} s)")
+            raise ValueError(f"[link] watchdog_s: shorter than {what} ({self.shortest_watchdog_s:g} s)")
         if self.target_stiffness_per_s2 == 0:
             raise ValueError(
                 "[controller] target_stiffness_N_per_m: a mass on no spring needs one; its root over the mass is the "
@@ -88,64 +66,6 @@ class Bench(Section):
         if unknown := set(sections) - set(table):
             raise InputError(f"{unknown.pop()}: no section of a bench; there are {', '.join(table)}")
         return override(self, sections, f"{self.device.name or 'bench'} with changes")
-
-    @property
-    def watchdog_s(self) -> float:
-        """Silence after which the board goes SAFE."""
-        return max(_WATCHDOG_S, self._shortest_watchdog_s) if self.link.watchdog_s is None else self.link.watchdog_s
-
-    @property
-    def _shortest_watchdog_s(self) -> float:
-        least = 3 * self.loop.block if self.loop.in_blocks else 2
-        return least / self.device.sample_rate_Hz
-
-    @property
-    def memory_s(self) -> float:
-        """Time constant of the fading memory."""
-        if self.observer.memory_s is not None:
-            return self.observer.memory_s
-        return max(_MEMORY_S, _MEMORY_CYCLES * self.cycle_s if self.device.resonance_Hz > 0.0 else 0.0)
-
-    @property
-    def cycle_s(self) -> float:
-        """Of the controlled oscillator."""
-        return math.tau / math.sqrt(self.target_stiffness_per_s2)
-
-    @property
-    def target_stiffness_per_s2(self) -> float:
-        """Stiffness of the controlled oscillator per unit mass, 1/s²; its root is the scale of time."""
-        device, target = self.device, self.controller.target_stiffness_N_per_m
-        diagonal = device.stiffness_N_per_m[: device.axes]
-        return (sum(diagonal) / len(diagonal) if target is None else target) / device.mass_kg
-
-    @property
-    def swing_V(self) -> tuple[float, ...]:
-        """Declared amplitude at the sense output of each axis, whatever it senses."""
-        per_m = math.sqrt(self.target_stiffness_per_s2) ** self.device.sense.order * self.device.amplitude_m
-        return tuple(abs(gain) * per_m for gain in self.device.sense_gains_V_per_m)
-
-    @property
-    def drive_limit_mps2(self) -> Fraction:
-        """Largest drive that a board may be asked for: the drive's full scale, or the controller's limit below it."""
-        full, limit = self.device.drive_full_scale_mps2, self.controller.force_limit_mps2
-        return full if limit is None else min(full, Fraction(limit))
-
-    @property
-    def virtual_reversal_s(self) -> float:
-        """Time between reversals of the virtual rotation, 0: never; in gain mode half of it is whole blocks, as a
-        matrix is in force for one.
-        """
-        period = self.controller.virtual_reversal_s
-        if self.loop.mode != "gain" or period == 0.0:
-            return period
-        block = self.loop.block / self.device.sample_rate_Hz
-        return max(round(0.5 * period / block), 1) * 2.0 * block
-
-    @property
-    def offset_sd_V(self) -> float:
-        """Standard deviation of the initial value of the sense offsets."""
-        own = self.observer.initial_sd.offset_V
-        return self.device.sense.offset_sd_V if own is None else own
 
 
 def load_bench(path: Path) -> Bench:

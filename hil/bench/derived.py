@@ -5,13 +5,11 @@ One list for the terminal, `--json` and the report: whoever slipped by a unit se
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from hil.bench.modes import frequencies_Hz, principal
+from hil.bench.tables import Tables
 from hil.numbers import percent, quantity, significant
-
-if TYPE_CHECKING:
-    from hil.bench.bench import Bench
 
 _PER_UNIT = 1e-9  # of the stiffness, below which its axes have no direction
 
@@ -24,7 +22,7 @@ class Derived(NamedTuple):
     figures: Mapping[str, float | list[float]]
 
 
-def derived(bench: "Bench", identity: Mapping[str, Any] | None = None) -> list[Derived]:
+def derived(bench: Tables, identity: Mapping[str, Any] | None = None) -> list[Derived]:
     """The lines for a bench; `identity`: what the board says of its converters, where one was asked."""
     lines = [_resonance(bench), _damping(bench), *_sampling(bench), *_amplitude(bench, identity)]
     return [line for line in (*lines, *_drive(bench, identity), *_loop(bench)) if line is not None]
@@ -35,7 +33,7 @@ def figures_of(lines: list[Derived]) -> dict[str, float | list[float]]:
     return {name: value for line in lines for name, value in line.figures.items()}
 
 
-def quality_factors(bench: "Bench") -> tuple[float, float]:
+def quality_factors(bench: Tables) -> tuple[float, float]:
     """Q at the mean resonance along the axis of the least damping, and across it; infinite without damping."""
     omega = math.pi * sum(frequencies_Hz(bench.device.stiffness_per_s2))
     larger, smaller, _ = principal(bench.device.damping_per_s)
@@ -43,7 +41,7 @@ def quality_factors(bench: "Bench") -> tuple[float, float]:
     return most, least
 
 
-def needed_mps2(bench: "Bench") -> dict[str, float]:
+def needed_mps2(bench: Tables) -> dict[str, float]:
     """Largest force per mass, m/s², that the control law needs at the declared amplitude, by what it is for: to bring
     the stiffness to its target, to undo the damping, to turn the pattern."""
     device, amplitude = bench.device, bench.device.amplitude_m
@@ -57,7 +55,7 @@ def needed_mps2(bench: "Bench") -> dict[str, float]:
     }
 
 
-def _resonance(bench: "Bench") -> Derived:
+def _resonance(bench: Tables) -> Derived:
     higher, lower = frequencies_Hz(bench.device.stiffness_per_s2)
     mean, split = 0.5 * (higher + lower), higher - lower
     if bench.device.axes == 1:
@@ -74,7 +72,7 @@ def _resonance(bench: "Bench") -> Derived:
     return Derived("resonance", text, figures | {"azimuth_deg": azimuth})
 
 
-def _damping(bench: "Bench") -> Derived | None:
+def _damping(bench: Tables) -> Derived | None:
     along = principal(bench.device.damping_per_s)
     if along.larger <= 0.0 or bench.device.resonance_Hz == 0.0:
         return None
@@ -95,7 +93,7 @@ def _damping(bench: "Bench") -> Derived | None:
     return Derived("damping", text, figures)
 
 
-def _sampling(bench: "Bench") -> Iterator[Derived]:
+def _sampling(bench: Tables) -> Iterator[Derived]:
     device = bench.device
     if device.resonance_Hz == 0.0 or device.sense.is_envelope:
         return
@@ -112,7 +110,7 @@ def _sampling(bench: "Bench") -> Iterator[Derived]:
         yield Derived("memory", text, {"memory_cycles": memory})
 
 
-def _amplitude(bench: "Bench", identity: Mapping[str, Any] | None) -> Iterator[Derived]:
+def _amplitude(bench: Tables, identity: Mapping[str, Any] | None) -> Iterator[Derived]:
     device = bench.device
     if device.sense.order or device.sense.is_envelope or device.sense.unit != "V":
         return
@@ -129,7 +127,7 @@ def _amplitude(bench: "Bench", identity: Mapping[str, Any] | None) -> Iterator[D
     yield Derived("amplitude", text, figures)
 
 
-def _drive(bench: "Bench", identity: Mapping[str, Any] | None) -> Iterator[Derived]:
+def _drive(bench: Tables, identity: Mapping[str, Any] | None) -> Iterator[Derived]:
     if not bench.controller.enabled:
         return
     needed, limit = needed_mps2(bench), float(bench.drive_limit_mps2)
@@ -150,7 +148,7 @@ def _drive(bench: "Bench", identity: Mapping[str, Any] | None) -> Iterator[Deriv
     yield Derived("drive", text, figures)
 
 
-def _loop(bench: "Bench") -> Iterator[Derived]:
+def _loop(bench: Tables) -> Iterator[Derived]:
     if not bench.controller.enabled:
         return
     rate = bench.device.sample_rate_Hz

@@ -6,14 +6,11 @@ refused when the file is read (`hil.bench.plausible`).
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 from hil.bench.derived import needed_mps2, quality_factors
 from hil.bench.modes import frequencies_Hz
+from hil.bench.tables import Tables
 from hil.numbers import percent, quantity, significant
-
-if TYPE_CHECKING:
-    from hil.bench.bench import Bench
 
 # What is usual of vibrating gyros, from silicon rings of a few ng to hemispherical resonators and demonstrators.
 Q_USUAL = 30.0, 3e7
@@ -33,19 +30,19 @@ TARGET_OFF = 0.1
 DRIVE_OF_LIMIT = 1.25  # what is declared is a data sheet's, known to some percent
 
 
-def questions(bench: "Bench") -> list[str]:
+def questions(bench: Tables) -> list[str]:
     """What somebody should look at again, as `[section] key: what; usual; slip`; empty where all is usual."""
     if bench.device.resonance_Hz == 0.0:
         return []
     return [*_mass(bench), *_resonator(bench), *_signals(bench), *_run(bench), *_angles(bench)]
 
 
-def beside(finding: str, bench: "Bench") -> str:
+def beside(finding: str, bench: Tables) -> str:
     """A refusal, and the slip in mass or stiffness that would explain it, where there is one."""
     return "; ".join([finding, *_mass(bench)][:2])
 
 
-def _mass(bench: "Bench") -> Iterator[str]:
+def _mass(bench: Tables) -> Iterator[str]:
     device = bench.device
     mean = 0.5 * sum(frequencies_Hz(device.stiffness_per_s2))
     least, most = MASS_KG
@@ -61,7 +58,7 @@ def _mass(bench: "Bench") -> Iterator[str]:
         )
 
 
-def _resonator(bench: "Bench") -> Iterator[str]:
+def _resonator(bench: Tables) -> Iterator[str]:
     device = bench.device
     higher, lower = frequencies_Hz(device.stiffness_per_s2)
     mean = 0.5 * (higher + lower)
@@ -89,7 +86,7 @@ def _resonator(bench: "Bench") -> Iterator[str]:
         )
 
 
-def _signals(bench: "Bench") -> Iterator[str]:
+def _signals(bench: Tables) -> Iterator[str]:
     device = bench.device
     least, most = AMPLITUDE_M
     if not least <= device.amplitude_m <= most:
@@ -118,7 +115,7 @@ def _signals(bench: "Bench") -> Iterator[str]:
             )
 
 
-def _run(bench: "Bench") -> Iterator[str]:
+def _run(bench: Tables) -> Iterator[str]:
     observer, loop, rate = bench.observer, bench.loop, bench.device.sample_rate_Hz
     if observer.gain != "ekf":
         if bench.memory_s > MEMORY_OF_RUN * loop.duration_s:
@@ -145,7 +142,7 @@ def _run(bench: "Bench") -> Iterator[str]:
         )
 
 
-def _angles(bench: "Bench") -> Iterator[str]:
+def _angles(bench: Tables) -> Iterator[str]:
     spread, noise = bench.observer.initial_sd, bench.observer.process_noise
     for place, value, unit in (
         ("[observer.initial_sd] rate_rad_s", spread.rate_rad_s, "rad/s"),

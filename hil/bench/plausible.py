@@ -5,10 +5,8 @@ Bounds are far outside what any device or run has: they catch a slipped exponent
 
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from hil.bench.bench import Bench
+from hil.bench.tables import Tables
 
 FASTEST_HZ = 1e8
 LARGEST_M = 10.0
@@ -20,19 +18,19 @@ LEAST_SNR, GREATEST_SNR = 1e-3, 1e9
 TABLE_SAMPLES = 2e7  # that a stationary gain is computed from, a microsecond each
 
 
-def implausible(bench: "Bench") -> str | None:
+def implausible(bench: Tables) -> str | None:
     """The first thing that cannot be meant, as `[section] key: what; remedy`; None where all is plausible."""
     return next(_findings(bench), None)
 
 
-def _findings(bench: "Bench") -> Iterator[str]:
+def _findings(bench: Tables) -> Iterator[str]:
     yield from _device(bench)
     yield from _run(bench)
     yield from _observer(bench)
     yield from _controller(bench)
 
 
-def _device(bench: "Bench") -> Iterator[str]:
+def _device(bench: Tables) -> Iterator[str]:
     device = bench.device
     if device.sample_rate_Hz > FASTEST_HZ:
         yield f"[device] sample_rate_Hz: {device.sample_rate_Hz:g} Hz is beyond {FASTEST_HZ:g}; the unit is hertz"
@@ -58,7 +56,7 @@ def _device(bench: "Bench") -> Iterator[str]:
         yield "[device] mass_kg: stiffness or damping over it is no number; check the units"
 
 
-def _run(bench: "Bench") -> Iterator[str]:
+def _run(bench: Tables) -> Iterator[str]:
     loop, link, rate = bench.loop, bench.link, bench.device.sample_rate_Hz
     if loop.duration_s * rate > LONGEST_RUN:
         yield f"[loop] duration_s: {loop.duration_s:g} s are more than {LONGEST_RUN:g} samples; the unit is seconds"
@@ -70,7 +68,7 @@ def _run(bench: "Bench") -> Iterator[str]:
             yield f"[link] {key}: {value:g} s is beyond {LONGEST_WAIT_S:g}; the unit is seconds"
 
 
-def _observer(bench: "Bench") -> Iterator[str]:
+def _observer(bench: Tables) -> Iterator[str]:
     observer, rate = bench.observer, bench.device.sample_rate_Hz
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
     cycle_s = bench.cycle_s
@@ -111,7 +109,7 @@ def _rounded_up(value: float) -> str:
     return f"{math.ceil(value / unit - 1e-9) * unit:.3g}"
 
 
-def _controller(bench: "Bench") -> Iterator[str]:
+def _controller(bench: Tables) -> Iterator[str]:
     controller, device = bench.controller, bench.device
     if not controller.enabled:
         return

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self, Unpack
+from typing import TYPE_CHECKING, Any, Protocol, Self, Unpack
 
 from hil.errors import InputError
 from hil.library.keywords import takes
@@ -18,7 +18,7 @@ from hil.options import body_of
 if TYPE_CHECKING:
     from hil.bench import Bench
     from hil.client.remote_run import RemoteRun
-    from hil.client.service import Service
+    from hil.client.requests import Requests
 
 _LEASE_S = 30.0
 _RENEW_S = 10.0
@@ -26,10 +26,23 @@ _LOOK_S = 0.2
 _CATALOGUE_S = 20.0
 
 
+class Service(Protocol):
+    """What a board needs of its service."""
+
+    requests: "Requests"
+
+    @property
+    def state(self) -> dict[str, Any]:
+        """What is known of the board."""
+
+    def load(self, run: str) -> "RemoteRun":
+        """A run by its id."""
+
+
 class Started:
     """A run that lasts; `id` is its name."""
 
-    def __init__(self, service: "Service", run: str) -> None:
+    def __init__(self, service: Service, run: str) -> None:
         self._service = service
         self.id = run
 
@@ -53,7 +66,7 @@ class Started:
 class Board:
     """Inside its `with` the lease is renewed by a thread; it ends with it, or half a minute after this process."""
 
-    def __init__(self, service: "Service", purpose: str, holder: str | None, *, wait: bool) -> None:
+    def __init__(self, service: Service, purpose: str, holder: str | None, *, wait: bool) -> None:
         self._service = service
         self._asked = {
             "holder": holder or f"{getpass.getuser()} at {socket.gethostname()}",
