@@ -22,7 +22,7 @@ import numpy as np
 from estimator.side_by_side import one_worker_each
 from evaluation.undeclared.judging import class_of, judge
 from hil.errors import InputError
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 from hil.records.atomic import write_text
 from hil.tracing.request import request_of
 from hil.tracing.trace import trace

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from estimator.errors import ModelError
     from hil.bench import Bench, RateSensorBench
+    from hil.comparing.diff import Comparison
     from hil.errors import InputError
-    from hil.interchange.importer import Imported
+    from hil.importing.importer import Imported
     from hil.library.campaign import Sweep
     from hil.library.finished_run import Run
     from hil.library.generating import generate
@@ -44,7 +45,6 @@ if TYPE_CHECKING:
     from hil.plugins.errors import PluginError
     from hil.plugins.protocol import Controller, DeclaredDevice, Drive, Estimate, Observer
     from hil.records.methods import MethodRow, Methods
-    from hil.scoring.diff import Comparison
     from hil.wire.errors import WireError
 
     open = open_live
@@ -95,12 +95,12 @@ __version__: str
 _HOMES = {
     "Bench": "hil.bench",
     "Block": "hil.library.live",
-    "Comparison": "hil.scoring.diff",
+    "Comparison": "hil.comparing.diff",
     "Controller": "hil.plugins.protocol",
     "DeclaredDevice": "hil.plugins.protocol",
     "Drive": "hil.plugins.protocol",
     "Estimate": "hil.plugins.protocol",
-    "Imported": "hil.interchange.importer",
+    "Imported": "hil.importing.importer",
     "InputError": "hil.errors",
     "Interrupted": "hil.loop.run",
     "Live": "hil.library.live",

@@ -16,7 +16,7 @@ from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.cli.app import VERBS
 from hil.client import Board, Service, connect
-from hil.interchange.options import ImportOptions, LocalImportOptions
+from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.loop.options import FileOptions, LocalRunOptions, RunOptions
 from hil.options import Keyword, keywords_of
 from hil.records.result import Result

@@ -93,7 +93,7 @@ STRUCTURE = {
     # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
     "estimator/identification/symmetries.py", "estimator/trace/free_run.py",
     "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
-    "hil/bench/toml.py", "hil/interchange/channels.py", "estimator/observer.py", "estimator/core/layout.py",
+    "hil/bench/toml.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
     "estimator/rate_sensor/surroundings.py", "hil/codegen/written.py",
 }  # fmt: skip
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import make
 from hil.bench import load_bench
-from hil.methods.record import given
+from hil.comparing.record import given
 from hil.records.atomic import write_text
 
 Floats = NDArray[np.float64]

@@ -17,10 +17,10 @@ from benchmarks.challenge.task import ASKED, SEEN, Floats, Record, answer, opene
 from estimator.observer import Observer
 from estimator.settings import Gain
 from hil.bench import Bench, load_bench
+from hil.comparing.methods import effects_of
 from hil.errors import InputError
 from hil.inputs.declared import device_of, observer_settings_of
 from hil.library.arrays import write_capture
-from hil.methods.comparing import effects_of
 from hil.tracing.request import request_of
 from hil.tracing.trace import trace
 

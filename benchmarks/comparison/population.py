@@ -16,9 +16,9 @@ from benchmarks.verdicts.campaign import toml_of
 from device_emulator.scenario import load
 from hil.bench import Bench
 from hil.bench.examples import find
+from hil.comparing.methods import methods_on
+from hil.comparing.record import given
 from hil.library.arrays import write_capture
-from hil.methods.comparing import methods_on
-from hil.methods.record import given
 from hil.records.methods import Methods
 from hil.records.truth import Truth
 

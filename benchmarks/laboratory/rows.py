@@ -10,7 +10,7 @@ from benchmarks.laboratory.beam import Array
 from benchmarks.laboratory.kinds import KINDS, Kind, bench_text
 from benchmarks.laboratory.pools import POOLS, PoolKind
 from benchmarks.row import Row, Say
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 from hil.records.diagnosis import Coefficient, Diagnosis
 from hil.tracing.options import TraceOptions
 from hil.tracing.request import request_of

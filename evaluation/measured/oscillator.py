@@ -9,9 +9,9 @@ from estimator.trace import free_run
 from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from evaluation.measured.outcome import Say
 from hil.bench import examples, load_bench
+from hil.importing.importer import import_record
 from hil.inputs.captured import samples_of
 from hil.inputs.declared import device_of, observer_settings_of
-from hil.interchange.importer import import_record
 from hil.records.capture import Capture
 
 

@@ -9,7 +9,7 @@ from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out,
 from hil.errors.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from hil.methods.comparing import Compared
+    from hil.comparing.methods import Compared
     from hil.records.diagnosis import Diagnosis
 
 TruthFile = Annotated[
@@ -78,7 +78,7 @@ def compare(
     path = bench_file(bench, place, "compare")
     declared = load_bench(path)
     prepare(declared)
-    from hil.methods.comparing import compare as compare_record  # loads the estimator: after what can be refused
+    from hil.comparing.methods import compare as compare_record  # loads the estimator: after what can be refused
 
     named = override(declared, {"loop": {"name": name or f"{declared.loop.name}-compare"}}, str(path))
     with watching("compare") as watch:

@@ -12,7 +12,7 @@ from hil.cli.options import Json
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from hil.scoring.diff import Comparison, Figure
+    from hil.comparing.diff import Comparison, Figure
 
 First = Annotated[
     Path,

@@ -51,8 +51,8 @@ def export(
     """
     from hil.cli.files import run_folder
     from hil.cli.show import print_json, say
-    from hil.interchange.exporter import export as write
-    from hil.interchange.exporter import format_for
+    from hil.exporting.exporter import export as write
+    from hil.exporting.exporter import format_for
     from hil.records.kind import fresh
 
     place = run_folder(capture).resolve()

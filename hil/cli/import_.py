@@ -8,7 +8,7 @@ import typer
 import hil
 from hil.cli.derived import with_options
 from hil.cli.options import Json
-from hil.interchange.options import LocalImportOptions
+from hil.importing.options import LocalImportOptions
 
 Source = Annotated[Path, typer.Argument(metavar="FILE", help="Delimited text, or gzipped; .mat; Parquet.")]
 

@@ -16,7 +16,7 @@ from estimator.errors import ModelError
 from hil.errors import InputError
 from hil.errors.ending import ending_of
 from hil.errors.exit_codes import ExitCode
-from hil.interchange.options import ImportOptions, LocalImportOptions
+from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.loop.options import LocalRunOptions, RunOptions
 from hil.options import Keyword, keywords_of
 from hil.records.atomic import write_text

@@ -12,7 +12,7 @@ from hil.client.remote_run import RemoteRun
 from hil.client.requests import Requests, found
 from hil.client.stream import Frame, Stream
 from hil.errors import InputError
-from hil.interchange.options import ImportOptions
+from hil.importing.options import ImportOptions
 from hil.library.keywords import takes
 from hil.loop.options import RunOptions
 from hil.options import body_of

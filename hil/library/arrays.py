@@ -6,10 +6,10 @@ from typing import Any, Protocol
 
 import numpy.typing as npt
 
-from hil.interchange.array_source import ArraySource
-from hil.interchange.importer import import_from, require_keys_act
-from hil.interchange.mapping import read_map
-from hil.interchange.record_time import Remedies
+from hil.importing.array_source import ArraySource
+from hil.importing.importer import import_from, require_keys_act
+from hil.importing.mapping import read_map
+from hil.importing.record_time import Remedies
 from hil.library.series import Series
 from hil.records.capture import Hold
 

@@ -17,7 +17,7 @@ RATE = ("rate_rad_s", "sd_rate_rad_s")
 
 def of_capture(capture: Capture, run: str) -> Series:
     """What was sensed and driven, and reference rate and temperature if any."""
-    from hil.interchange.exported import channels
+    from hil.exporting.exported import channels
 
     columns = channels(capture)
     units = {name: capture.sense_unit if name.endswith("_sensed") else unit_of(name) for name in columns}

@@ -11,8 +11,8 @@ import numpy.typing as npt
 from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench.examples import bench_file
 from hil.errors import InputError
-from hil.interchange.options import ImportOptions
-from hil.interchange.request import map_of, require_hold
+from hil.importing.options import ImportOptions
+from hil.importing.request import map_of, require_hold
 from hil.library.arrays import CALLED, Table, columns_of, write_capture
 from hil.library.finished_run import Run
 from hil.library.places import folder_of

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Unpack, cast, get_type_hints
 from hil.bench import Bench
 from hil.bench import load_bench as bench_at
 from hil.bench.examples import bench_file
+from hil.comparing.diff import Comparison
 from hil.errors import InputError, printable
 from hil.errors.arguments import names_of, path_of, require
-from hil.interchange.options import ImportOptions, LocalImportOptions
+from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
 from hil.library.given import AnyBench, Record, Records, bench_for, captured, observed_bench_for
@@ -32,13 +33,12 @@ from hil.records.listing import RUNS
 from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder
 from hil.replaying.options import ReplayOptions
-from hil.scoring.diff import Comparison
 from hil.sensors.options import RecordOptions
 from hil.sweeping.options import LocalSweepOptions
 from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
-    from hil.interchange.importer import Imported
+    from hil.importing.importer import Imported
     from hil.sweeping.request import AnyCampaign
 
 
@@ -140,8 +140,8 @@ def import_record(source: Path | str, **options: Unpack[LocalImportOptions]) -> 
     """Turn a record from elsewhere into a capture, which the other verbs take by its `path`: delimited text, MATLAB,
     Parquet, and what a package reads (`hil.importers`).  Raises InputError with file, line or column.
     """
-    from hil.interchange.importer import import_file
-    from hil.interchange.request import request_of as importing
+    from hil.importing.importer import import_file
+    from hil.importing.request import request_of as importing
 
     return import_file(importing(source, options))
 
@@ -225,7 +225,7 @@ def compare(
     channel is the reference.  link: an emulated board for the methods that close the loop themselves.  trace: of the
     record, whose effect the 13 states carry.  `mapping`, `hold` and `nonuniform` are for arrays.
     """
-    from hil.methods.comparing import compare as compare_record
+    from hil.comparing.methods import compare as compare_record
 
     declared = observed_bench_for(record, bench, name or "{}-compare")
     found = None if trace is None else load_trace(trace).diagnosis
@@ -260,8 +260,8 @@ def export(
     to: csv, parquet, mat or mcap, by default as the name of `target` ends.  what: capture, estimates, angle, rate,
     innovation or force, of mat and mcap several; by default the capture, of mat and mcap all there is.
     """
-    from hil.interchange.exporter import export as write
-    from hil.interchange.exporter import format_for
+    from hil.exporting.exporter import export as write
+    from hil.exporting.exporter import format_for
 
     file, place = path_of("target", target), folder_of("record", record)
     if file.exists():
@@ -289,7 +289,7 @@ def diff(a: Run | Trace | Path | str, b: Run | Trace | Path | str) -> Comparison
     """Two runs, or two traces, side by side: figures with the difference b − a and its uncertainty (95 %), and the keys
     of the bench files that differ.
     """
-    from hil.scoring.diff import compare
+    from hil.comparing.diff import compare
 
     return compare(folder_of("a", a), folder_of("b", b))
 

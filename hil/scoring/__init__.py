@@ -1,1 +1,1 @@
-"""A run beside the truth, and beside another run."""
+"""`hil score`: a run beside the truth that its emulated board wrote: errors, NEES, coverage."""

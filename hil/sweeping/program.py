@@ -7,7 +7,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 _PACKAGES = ("estimator", "device_emulator", "hil")
-_BESIDE = {"cli", "report", "library", "interchange", "doctor", "examples", "sweeping"}
+_BESIDE = {"cli", "report", "library", "importing", "exporting", "doctor", "examples", "sweeping"}
 """Parts of `hil` that no figure of a run comes from …"""
 _OF_A_RUN = {"one_run.py", "bound.py", "initial_values.py", "turn.py"}
 """… but for these files of theirs."""

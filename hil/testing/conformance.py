@@ -20,8 +20,8 @@ from typing import ClassVar
 import pytest
 
 from hil.errors import InputError
-from hil.interchange.importer import import_from
-from hil.interchange.packaged import PackagedSource, Reader
+from hil.importing.importer import import_from
+from hil.importing.packaged import PackagedSource, Reader
 from hil.sensors.adapter import Adapter, Sample
 from hil.wire import client
 from hil.wire.endpoint import Endpoint

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Unpack
 
 import hil
-from hil.interchange.options import ImportOptions
+from hil.importing.options import ImportOptions
 from hil.library.keywords import takes
 from hil.progress import untold
 from hil.records.capture import Capture, read_capture

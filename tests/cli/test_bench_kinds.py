@@ -7,7 +7,7 @@ from estimator.diagnosis import Verdict
 from hil.bench import Bench, RateSensorBench, examples, load_any_bench, load_bench
 from hil.bench.text import json_schema
 from hil.errors import InputError
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 from hil.tracing.rate_sensor import trace_rate_sensor
 from tests.cli.test_bench_file import REFERENCE
 

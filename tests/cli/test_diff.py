@@ -10,11 +10,11 @@ import pytest
 
 import hil as library
 from hil.cli.diff import _cells, _readable
+from hil.comparing.diff import Figure, compare
 from hil.records.atomic import write_sealed
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.records.result import load_result, save_result
 from hil.records.runfolder import RunFolder
-from hil.scoring.diff import Figure, compare
 from tests.cli.conftest import Hil
 from tests.cli.test_errors import refused
 from tests.records.synthetic_run import Options, write_run

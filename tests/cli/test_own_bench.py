@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 import hil as library
+from hil.comparing import methods as comparing
 from hil.errors import InputError
-from hil.methods import comparing
 from hil.replaying import replay as replaying
 from hil.tracing import trace as tracing
 from hil.tracing.request import TraceRequest

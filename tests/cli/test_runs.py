@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from hil.comparing import methods as comparing
 from hil.errors import InputError
-from hil.methods import comparing
 from hil.records.diagnosis import Diagnosis
 from hil.records.listing import last_run, listed
 from tests.cli.conftest import Hil

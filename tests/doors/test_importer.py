@@ -12,7 +12,7 @@ import pytest
 import hil
 from hil.client import connect
 from hil.errors import InputError
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 from tests.doors.conftest import BROKEN, Install, doubles
 from tests.service.serving import Serving, serving
 from tests.test_pytest_plugin import PLUGIN

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, load_bench, override
+from hil.comparing.board import board_course
+from hil.comparing.course import Judge, Reference
 from hil.errors import InputError
-from hil.interchange.exported import tables_of
+from hil.exporting.exported import tables_of
 from hil.loop.request import RunRequest
 from hil.loop.run import run
-from hil.methods.board import board_course
-from hil.methods.course import Judge, Reference
 from hil.progress import Progress
 from hil.records.check import check
 from hil.records.layout import TICK, Column, Layout

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hil.errors import InputError
-from hil.interchange.importer import import_file
-from hil.interchange.mapping import OF_TEXT
-from hil.interchange.request import ImportRequest
+from hil.importing.importer import import_file
+from hil.importing.mapping import OF_TEXT
+from hil.importing.request import ImportRequest
 
 ROWS = 40
 T = [f"{n * 0.01:.3f}" for n in range(ROWS)]

@@ -12,8 +12,8 @@ from scipy.optimize import least_squares
 
 import hil
 from hil.errors import InputError
-from hil.interchange.importer import Imported, import_file
-from hil.interchange.request import ImportRequest
+from hil.importing.importer import Imported, import_file
+from hil.importing.request import ImportRequest
 from hil.records.capture import Capture
 
 CASES = Path(__file__).parents[3] / "shared" / "cases"

@@ -14,9 +14,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from hil.errors import InputError
-from hil.interchange import text_source
-from hil.interchange.importer import import_file
-from hil.interchange.request import ImportRequest
+from hil.importing import text_source
+from hil.importing.importer import import_file
+from hil.importing.request import ImportRequest
 
 WORDS = st.text(st.characters(codec="cp1252", exclude_characters="\r\n\0\"'\x85\xa0", min_codepoint=32), max_size=6)
 NUMBERS = st.floats(-1e6, 1e6, allow_nan=False).map(lambda value: float(f"{value:.9g}"))

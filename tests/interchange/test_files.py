@@ -19,9 +19,9 @@ from hil.bench.bench import Bench
 from hil.bench.examples import find
 from hil.errors import InputError
 from hil.errors.strict_toml import parse_table, read_table
-from hil.interchange.exported import tables_of
-from hil.interchange.importer import import_file
-from hil.interchange.request import ImportRequest
+from hil.exporting.exported import tables_of
+from hil.importing.importer import import_file
+from hil.importing.request import ImportRequest
 from hil.records.blocks import scan_blocks
 from hil.records.capture import read_capture
 from hil.records.direct import DirectRecord
@@ -114,7 +114,7 @@ def test_a_line_without_an_end(tmp_path: Path) -> None:
 
 
 def test_a_file_that_unpacks_to_far_more_than_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hil.interchange.text_lines._UNPACKED_BYTES", 1 << 22)
+    monkeypatch.setattr("hil.importing.text_lines._UNPACKED_BYTES", 1 << 22)
     path = tmp_path / "rows.csv.gz"
     path.write_bytes(gzip.compress(b"t_s,vx_V\n" + b"0.0,1.0\n" * 3_000_000, 9))
     assert "unpacks to more than 200 times its" in refused(path)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.errors import InputError
-from hil.interchange.mapping import OF_TEXT, RecordMap
+from hil.importing.mapping import OF_TEXT, RecordMap
 from hil.records.capture import Capture
 from tests.interchange.written import COLUMNS, KINDS, MAP, SENSOR, U_V, X_V, bring
 

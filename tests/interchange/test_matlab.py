@@ -7,9 +7,9 @@ import pytest
 from scipy.io import savemat
 
 from hil.errors import InputError
-from hil.interchange.exporter import export
-from hil.interchange.importer import import_file
-from hil.interchange.request import ImportRequest
+from hil.exporting.exporter import export
+from hil.importing.importer import import_file
+from hil.importing.request import ImportRequest
 from hil.records.capture import Capture
 
 T_S = np.arange(50) / 200.0

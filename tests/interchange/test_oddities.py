@@ -16,8 +16,8 @@ import pytest
 from scipy.io import savemat
 
 from hil.errors import InputError
-from hil.interchange.importer import import_file
-from hil.interchange.request import ImportRequest
+from hil.importing.importer import import_file
+from hil.importing.request import ImportRequest
 
 T = np.arange(200) / 1000.0
 X, Y = np.round(np.sin(200.0 * T), 6), np.round(np.cos(200.0 * T), 6)

@@ -9,7 +9,7 @@ IMPORT = """
 import gzip, sys, time
 from pathlib import Path
 from hil.errors import InputError
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 
 read = gzip.GzipFile.read
 def slowly(self, size=-1):

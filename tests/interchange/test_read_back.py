@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hil.interchange.columns import write_columns
-from hil.interchange.exporter import export
-from hil.interchange.importer import import_record
+from hil.exporting.exporter import export
+from hil.importing.columns import write_columns
+from hil.importing.importer import import_record
 from hil.records.capture import Capture, board_layout, import_layout, read_capture
 from hil.records.stream import BlockWriter
 

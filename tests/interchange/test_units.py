@@ -7,8 +7,8 @@ import pytest
 
 from hil.bench import RateSensorBench, load_any_bench, load_bench
 from hil.errors import InputError
-from hil.interchange.importer import import_file
-from hil.interchange.request import ImportRequest
+from hil.importing.importer import import_file
+from hil.importing.request import ImportRequest
 from hil.records.capture import read_capture
 from hil.replaying.replay import require_fit
 from hil.tracing.envelope import trace_ring_down

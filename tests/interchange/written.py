@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from scipy.io import savemat
 
-from hil.interchange.importer import import_file
-from hil.interchange.request import ImportRequest
+from hil.importing.importer import import_file
+from hil.importing.request import ImportRequest
 from hil.library.arrays import write_capture
 from hil.records.capture import Capture, read_capture
 

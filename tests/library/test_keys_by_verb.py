@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-import hil.methods.comparing as comparing
+import hil.comparing.methods as comparing
 import hil.replaying.replay as replaying
 import hil.tracing.trace as tracing
 from hil.bench import Bench

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import hil
-from hil.scoring.diff import Figure, Key
+from hil.comparing.diff import Figure, Key
 
 PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "library.md").read_text(encoding="utf-8")
 SHOWN = dict(re.findall(r"^hil\.(\w+)(\([^>]*\) -> \w+)$", PAGE, re.MULTILINE))

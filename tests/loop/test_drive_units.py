@@ -18,6 +18,7 @@ from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.bench.template import template, values_of
 from hil.errors import InputError
+from hil.importing.importer import import_record
 from hil.inputs.declared import (
     board_device_of,
     board_filter_of,
@@ -26,7 +27,6 @@ from hil.inputs.declared import (
     observer_settings_of,
     recorded_device_of,
 )
-from hil.interchange.importer import import_record
 from hil.loop import preflight
 from hil.loop.live_settings import LiveSettings, with_settings
 from hil.loop.request import RunRequest

@@ -8,9 +8,9 @@ import pytest
 from estimator.backend import Backend
 from hil.bench import Bench, examples, load_bench
 from hil.errors import InputError
+from hil.importing.importer import import_record
 from hil.inputs.captured import drives_of, samples_of
 from hil.inputs.declared import device_of
-from hil.interchange.importer import import_record
 from hil.records.estimates import Estimates
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.methods.course import Course, Judge, Reference
+from hil.comparing.course import Course, Judge, Reference
 
 TICK = np.arange(1000)
 TRUE = Reference("truth", TICK, 1e-2 * TICK, np.ones(1000), {"kxx": 10.0, "kyy": 10.0, "kxy": 0.0})

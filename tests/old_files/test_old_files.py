@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 import hil
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 from hil.records.capture import read_capture
 from hil.records.check import check
 from hil.service.catalogue import queries

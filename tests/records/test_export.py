@@ -11,11 +11,11 @@ from scipy.io import loadmat
 
 import hil
 from hil.errors import InputError
-from hil.interchange.exported import Exported
-from hil.interchange.exporter import _WRITERS, FORMATS, export
-from hil.interchange.importer import import_record
-from hil.interchange.write_mat import write_mat
-from hil.interchange.write_mcap import write_mcap
+from hil.exporting.exported import Exported
+from hil.exporting.exporter import _WRITERS, FORMATS, export
+from hil.exporting.write_mat import write_mat
+from hil.exporting.write_mcap import write_mcap
+from hil.importing.importer import import_record
 from hil.records.capture import read_capture
 from hil.records.estimates import read_estimates
 from hil.records.innovation import read_innovation

@@ -11,7 +11,7 @@ from estimator.missing_force.result import Form, FormTerm, MissingForce
 from estimator.missing_force.surfaces import fast, slow
 from estimator.settings import ObserverSettings
 from hil.errors import InputError
-from hil.interchange.exporter import export
+from hil.exporting.exporter import export
 from hil.records import force as records
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.report.diagnosis import write_report

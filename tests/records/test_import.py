@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hil.errors import InputError
-from hil.interchange.importer import import_record
-from hil.interchange.mapping import read_map
-from hil.interchange.uniformity import spacing
+from hil.importing.importer import import_record
+from hil.importing.mapping import read_map
+from hil.importing.uniformity import spacing
 from hil.records.capture import read_capture
 
 ROOT = Path(__file__).parents[2]

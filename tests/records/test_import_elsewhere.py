@@ -5,8 +5,8 @@ import pytest
 from scipy.io import savemat
 
 from hil.errors import InputError
-from hil.interchange.exporter import export
-from hil.interchange.importer import import_record
+from hil.exporting.exporter import export
+from hil.importing.importer import import_record
 
 VECTORS = """\
 hold = "zoh"

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from hil.errors import InputError
+from hil.importing.importer import import_record
+from hil.importing.uniformity import numbered
 from hil.inputs.captured import drives_of, samples_of
-from hil.interchange.importer import import_record
-from hil.interchange.uniformity import numbered
 from hil.records.capture import Capture, RowFlag
 from hil.records.check import check
 from tests.estimator.test_free_run import DEVICE

@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import butter, freqz_sos
 
 from hil.errors import InputError
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 from hil.records.capture import read_capture
 
 RATE, ROWS = 1000.0, 6000

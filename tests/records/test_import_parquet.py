@@ -9,8 +9,8 @@ import pyarrow.parquet as pq
 import pytest
 
 from hil.errors import InputError
-from hil.interchange.exporter import export
-from hil.interchange.importer import import_record
+from hil.exporting.exporter import export
+from hil.importing.importer import import_record
 from hil.records.capture import read_capture
 
 T_S = np.arange(400) / 500.0

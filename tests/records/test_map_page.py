@@ -7,14 +7,14 @@ from pathlib import Path
 import pytest
 
 from hil.bench.device import Sense
-from hil.interchange.mapping import Columns, Filter, RecordMap, Source
-from hil.interchange.page import page
+from hil.importing.mapping import Columns, Filter, RecordMap, Source
+from hil.importing.page import page
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "maps.md"
 
 
 def test_the_page_is_current():
-    assert PAGE.read_text(encoding="utf-8") == page(), "python -m hil.interchange.page > docs/reference/maps.md"
+    assert PAGE.read_text(encoding="utf-8") == page(), "python -m hil.importing.page > docs/reference/maps.md"
 
 
 @pytest.mark.parametrize("model", [RecordMap, Columns, Source, Filter])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hil.errors import InputError
-from hil.interchange.importer import import_record
+from hil.importing.importer import import_record
 from hil.numbers import quantity
 from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates

@@ -14,7 +14,7 @@ import pytest
 import hil
 from hil import cli
 from hil.errors import InputError
-from hil.interchange.exported import channels
+from hil.exporting.exported import channels
 from hil.progress import Progress
 from hil.records.capture import Capture, read_capture
 from hil.records.rates import rates_rad_s

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from hil.comparing.diff import Figure, keys_apart, same_record
 from hil.errors import InputError
 from hil.records.runfolder import RunFolder
-from hil.scoring.diff import Figure, keys_apart, same_record
 from hil.service import series
 from hil.service.catalogue.catalogue import Catalogue
 from hil.service.catalogue.queries import figures_of, key_of

@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 from hil.bench import load_any_bench
 from hil.boards.emulation import is_emulated
 from hil.errors import InputError
-from hil.interchange.options import ImportOptions
+from hil.importing.options import ImportOptions
 from hil.loop.options import RunOptions
 from hil.options import with_fields
 from hil.records.run_name import RUN_NAME

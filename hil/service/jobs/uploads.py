@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hil.errors import InputError, printable
-from hil.interchange.packaged import endings
+from hil.importing.packaged import endings
 
 MOST_BYTES = 512 << 20
 MOST_MAP_BYTES = 1 << 20

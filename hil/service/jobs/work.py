@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import hil
-from hil.interchange.options import ImportOptions
+from hil.importing.options import ImportOptions
 from hil.loop.options import RunOptions
 from hil.options import chosen
 from hil.progress import Progress, Watcher

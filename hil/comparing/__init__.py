@@ -1,0 +1,1 @@
+"""`hil compare` and `hil diff`: every observer and the prior art on one record; two runs or traces side by side."""

@@ -1,0 +1,229 @@
+"""Every method on one record: its rows, its figure, its page."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from estimator.errors import ModelError
+from hil.bench import Bench, override
+from hil.bench.by_verb import require_usable
+from hil.comparing import prior_art
+from hil.comparing.board import board_course
+from hil.comparing.bound import bound_of
+from hil.comparing.course import Course, Judge, Reference, reference_of
+from hil.comparing.observers import (
+    GAINS,
+    STATES,
+    course_of,
+    name_of,
+    plugin_name,
+    rotation_name,
+    with_observer,
+    without_effects,
+)
+from hil.comparing.own_loop import ADAPTIVE, own_runs, require_emulated
+from hil.comparing.record import Given, given
+from hil.errors import InputError
+from hil.loop.run import new_folder
+from hil.plugins.errors import PluginError
+from hil.progress import Progress, Watcher
+from hil.records.atomic import require_place
+from hil.records.capture import Capture
+from hil.records.diagnosis import Diagnosis
+from hil.records.methods import MethodRow, Methods, save_methods
+from hil.records.runfolder import RunFolder
+from hil.records.truth import Truth
+from hil.report.methods import Line, write_report
+from hil.scoring.score import require_reach, require_same_run, truth_in
+from hil.tracing.addition import additions
+from hil.tracing.traced import called
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Where a comparison was written (comparison.json, report.html, bench.toml), and what it came to."""
+
+    folder: Path
+    methods: Methods
+    own: str
+    """The row of the bench file's own observer."""
+
+    @property
+    def diverged(self) -> bool:
+        """Whether that observer lost the device."""
+        return all(row.diverged_s is not None for row in self.methods.rows if row.name == self.own)
+
+
+@np.errstate(all="ignore")  # a method that diverged is told by its figures, not by NumPy
+def compare(
+    capture: Path,
+    bench: Bench,
+    out: Path,
+    *,
+    truth: Path | None = None,
+    link: str | None = None,
+    diagnosis: Diagnosis | None = None,
+    report: bool = True,
+    progress: Watcher,
+) -> Compared:
+    """Run every method over the record at `capture`; a new folder below `out` has what came of it.
+
+    truth: file that the emulated board of the record wrote, without which the record's own rate channel is the
+    reference, if it has one.  link: an emulated board on which methods that close the loop themselves do so.
+    diagnosis: what a trace found on the record, to be carried by the 13 states.  Raises InputError for a record that
+    does not belong to the bench file or cannot be compared; nothing is left then.
+    """
+    require_usable(bench, "compare")
+    place = None if link is None else require_emulated(link)
+    subject = given(capture, bench)
+    require_place(out)
+    known = None if truth is None else truth_in(truth)
+    remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
+    own = board_course(RunFolder(capture.parent)) if capture.name == "capture.arrow" else None
+    found, lines = methods_on(
+        subject, called(capture), truth=known, link=place, diagnosis=diagnosis, board=own, remarks=remarks,
+        progress=progress,
+    )  # fmt: skip
+    folder = new_folder(out, bench)
+    save_methods(folder / "comparison.json", found)
+    if report:
+        progress(Progress("report", 0, 0))
+        write_report(folder, found, lines, capture)
+    plugin = bench.observer.plugin
+    named = name_of(bench.observer.variant, bench.observer.gain) if plugin is None else plugin_name(plugin)
+    return Compared(folder, found, named)
+
+
+def methods_on(
+    subject: Given,
+    name: str,
+    *,
+    truth: Truth | None,
+    link: str | None,
+    diagnosis: Diagnosis | None = None,
+    board: Course | None = None,
+    remarks: Sequence[str] = (),
+    progress: Watcher,
+) -> tuple[Methods, list[Line]]:
+    """Every method on a record that is in memory and called `name`: the rows, and the errors over time; as `compare`,
+    which see, with a link whose scenario is a path; board: what the board's own estimator said while it was recorded.
+    """
+    bench, remarks = subject.bench, list(remarks)
+    reference = reference_of(subject.captured, truth)
+    judge = Judge(bench.device.sample_rate_Hz, subject.scored_from_s, subject.device.target)
+    if subject.seconds <= bench.loop.settle_s:
+        raise InputError(
+            f"{name}: {subject.seconds:.3g} s are over before settle_s = {bench.loop.settle_s:g} s; "
+            "give a longer record, or a smaller settle_s"
+        )
+    rows = _Rows(judge, progress)
+    if board is not None:
+        rows.add(board.name, lambda: (board, reference))
+    for title, method in _on_record(subject, diagnosis, remarks):
+        rows.add(title, partial(_beside, method, reference))
+    if link is None:
+        remarks.append(f"{ADAPTIVE}: closes the loop itself; give the board of the record as --link inproc:SCENARIO")
+    else:
+        for title, run in own_runs(bench, link, subject.seconds):
+            rows.add(title, run)
+    remarks += rows.failed
+    if bench.offset_sd_V:
+        remarks.append(
+            f"{STATES['gyro']} states and {prior_art.WITHOUT_OFFSETS}: take the sense offsets as zero, of which "
+            f"{bench.offset_sd_V:g} V are declared; their U leaves them out"
+        )
+    if truth is not None:
+        progress(Progress("bound", 0, 0))
+        try:
+            rows.done.append(bound_of(subject, truth))
+        except (InputError, ModelError) as error:
+            remarks.append(f"bound: {error}")
+    else:
+        remarks.append("bound: needs the true states; give the truth of the record's emulated board as --truth")
+    found = Methods(
+        record=name,
+        bench=bench.device.name,
+        seconds=subject.seconds,
+        window_s=(judge.from_s, float(subject.samples.tick[-1] / judge.rate_Hz)),
+        reference=None if reference is None else "truth" if truth is not None else "rate channel",
+        rows=tuple(rows.done),
+        remarks=tuple(remarks),
+    )
+    return found, rows.lines
+
+
+class _Rows:
+    """Methods run one after another; one that cannot is told in a line and left out."""
+
+    def __init__(self, judge: Judge, progress: Watcher) -> None:
+        self.done: list[MethodRow] = []
+        self.lines: list[Line] = []
+        self.failed: list[str] = []
+        self._judge, self._progress = judge, progress
+
+    def add(self, name: str, method: Callable[[], tuple[Course, Reference | None]]) -> None:
+        """Run one."""
+        self._progress(Progress(name, 0, 0))
+        try:
+            course, reference = method()
+            self.done.append(self._judge.row(course, reference))
+        except (ModelError, InputError, PluginError) as error:
+            self.failed.append(str(error) if str(error).startswith(name) else f"{name}: {error}")
+            return
+        if reference is not None:
+            t_s, error_rad = self._judge.error(course, reference)
+            self.lines.append(Line(name, course.kind, t_s, error_rad))
+
+
+def _beside(method: Callable[[], Course], reference: Reference | None) -> tuple[Course, Reference | None]:
+    return method(), reference
+
+
+def _on_record(
+    subject: Given, diagnosis: Diagnosis | None, remarks: list[str]
+) -> list[tuple[str, Callable[[], Course]]]:
+    """All methods that read the record."""
+    bench = subject.bench
+    found: list[tuple[str, Callable[[], Course]]] = []
+    if bench.observer.plugin is not None:
+        name = plugin_name(bench.observer.plugin)
+        found.append((name, partial(course_of, subject, bench, name)))
+    for variant in STATES:
+        for gain in GAINS:
+            changed, name = with_observer(bench, variant, gain), name_of(variant, gain)
+            found.append((name, partial(course_of, subject, changed, name)))
+    named = rotation_name()
+    found.append((named, partial(course_of, subject, with_observer(bench, "full", "ekf"), named, rotation=True)))
+    if declared := [*bench.effects.named, *bench.effects.custom]:
+        plain, name = with_observer(bench, "full", bench.observer.gain), name_of("full", bench.observer.gain)
+        name = f"{name}, without {' and '.join(declared)}"
+        found.append((name, partial(course_of, subject, without_effects(plain), name)))
+    if diagnosis is not None:
+        effects = effects_of(diagnosis)
+        if effects:
+            name = f"{name_of('full', bench.observer.gain)}, with {' and '.join(effects)}"
+            traced = override(with_observer(bench, "full", bench.observer.gain), {"effects": effects}, "the trace")
+            found.append((name, partial(course_of, subject, traced, name, "traced")))
+        else:
+            remarks.append(f"trace: {diagnosis.verdict}, so there is no effect to carry")
+    return [*found, *prior_art.methods(subject)]
+
+
+def effects_of(diagnosis: Diagnosis) -> dict[str, Mapping[str, float]]:
+    """[effects] as a bench file would have them after `hil trace --add`."""
+    found = additions(diagnosis)
+    return {one.name: {symbol: value for symbol, (value, _) in one.coefficients.items()} for one in found}
+
+
+def _same(capture: Path, captured: Capture, truth: Truth, place: Path) -> list[str]:
+    """Remarks where it cannot be told whether the truth is that of the record; InputError where it is not, or ends
+    before the record does.
+    """
+    if capture.name == "capture.arrow":
+        told = require_same_run(RunFolder(capture.parent), truth, place)
+    else:
+        told = [f"{place}: whether it is the truth of {capture} cannot be told"]
+    return told + require_reach(truth, place, captured)

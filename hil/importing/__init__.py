@@ -1,0 +1,1 @@
+"""`hil import`: a file from elsewhere becomes a capture: delimited text, MATLAB, Parquet, by a map of its columns."""

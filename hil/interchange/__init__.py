@@ -1,1 +1,0 @@
-"""Records in and out: interchange CSV, CSV files that look different (by a map), Parquet."""

@@ -1,1 +1,0 @@
-"""Several methods on one record: the observers of TW I384198 B1 with each gain, what it calls prior art, the bound."""
