@@ -97,6 +97,6 @@ def test_a_unit_that_says_nothing_is_refused(tmp_path: Path, entry: str, told: s
     [("2997.txt", "2997"), ("a.csv.gz", "a"), ("b.mat", "b"), ("c.parquet", "c"), ("log.1", "log.1"), ("d", "d")],
 )
 def test_a_capture_is_named_after_its_file(name: str, capture: str) -> None:
-    from hil.cli.import_ import named_after
+    from hil.importing.request import named_after
 
     assert named_after(Path(name)) == Path(f"{capture}.arrow")
