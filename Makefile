@@ -1,10 +1,11 @@
 # Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
-# make demo · make test · make test-long · make coverage · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make install
+# make demo · make test · make test-long · make coverage · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make docs · make install
 
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
 DEV    := .venv/.dev
+DOCS   := .venv/.docs
 NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
@@ -13,7 +14,7 @@ NATIVE := device_emulator/native/libdevice.so.1 hil/loop/native/libturn.so.1 hil
 NATIVE_SOURCES := $(wildcard device_emulator/native/*.[ch] hil/loop/native/*.[ch] hil/plugins/native/*.[ch] estimator/core/*.[ch] \
   estimator/core/*/*.py estimator/model/*.py estimator/effects/*.py) firmware/src/hil_spec.c firmware/src/hil_spec.h
 
-.PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured
+.PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured docs
 
 help:
 	@echo "make demo     close the loop in real time, trace what the model lacks, close it again with it"
@@ -25,6 +26,7 @@ help:
 	@echo "make check    lint, types (those of the page as well), import contracts"
 	@echo "make bench    speed, each figure beside a peer in the same run, as one table, and into runs/bench.json"
 	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; docs/results/undeclared.md"
+	@echo "make docs     the pages of docs/ as a site, in site/; a broken link or a page without a menu entry fails"
 	@echo "make measured real records traced (DATA=folder), into runs/measured.json and docs/results"
 	@echo "make install  the .venv that the others need (they do it themselves)"
 
@@ -85,10 +87,14 @@ undeclared: $(NATIVE) $(DEV)
 measured: $(NATIVE) $(DEV)
 	$(BIN)/python -m evaluation.measured $(if $(DATA),--data $(DATA))
 
+# Not --quiet: warnings that are not printed are not counted either.
+docs: $(DOCS)
+	NO_MKDOCS_2_WARNING=1 PATH=$(CURDIR)/$(BIN):$$PATH $(BIN)/mkdocs build --strict
+
 # By uv, a third of the time; by pip where there is no uv, or where it cannot reach what pip is told of.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 INTO = $(BIN)/uv pip install --quiet --no-cache --python $(BIN)/python $(1) || $(PIP) $(1)
-$(STAMP) $(DEV): export PYTHONPYCACHEPREFIX :=
+$(STAMP) $(DEV) $(DOCS): export PYTHONPYCACHEPREFIX :=
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
 $(STAMP): pyproject.toml
@@ -111,6 +117,11 @@ $(NATIVE) &: $(NATIVE_SOURCES) compile_native.py | $(STAMP)
 $(DEV): $(STAMP)
 	@echo "adding what tests and checks need (about 1 GB more)"
 	@$(call INTO,--editable '.[dev]')
+	@touch $@
+
+# What the site of documentation is built with.
+$(DOCS): $(STAMP)
+	@$(call INTO,--editable '.[docs]')
 	@touch $@
 
 # What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page
