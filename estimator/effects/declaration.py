@@ -6,7 +6,7 @@ declaration: equation, units, plausible sizes, what it looks like, what undoes i
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
 from enum import Enum
@@ -215,6 +215,11 @@ class Effect:
         """One of several of the same kind: names of effect and coefficients carry the label."""
         coefficients = tuple(_with(c, name=f"{c.name}:{label}") for c in self.coefficients)
         return _with(self, name=f"{self.name}:{label}", coefficients=coefficients)
+
+    def of_several(self, called: "Sequence[Callable[[str], str]]") -> "Effect":
+        """One of several records: what hangs on where a record begins is there for each, by the name that it has."""
+        each = ([_with(c, name=name(c.name)) for name in called] if c.own else [c] for c in self.coefficients)
+        return _with(self, coefficients=tuple(one for several in each for one in several))
 
     def on(self, axes: int) -> "Effect | None":
         """The effect on a device with that many axes, None where nothing of it is left."""

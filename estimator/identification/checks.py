@@ -212,16 +212,15 @@ def agreement(model: FittedModel, evaluation: Evaluation, *, held_out: bool) -> 
         ratio, freedom = _over_chance(off, spread, told)
         usual = 1.0 if evaluation.share == 1.0 else max(_over_chance(left - left.mean(axis=0), told, told)[0], 1.0)
         limit = chi2_isf(RARE / len(records), freedom) / freedom
-        moved = whole @ off if held_out else np.linalg.pinv(told, hermitian=True) @ off
         worst = int(np.argmax(np.abs(off) / np.sqrt(np.maximum(np.diagonal(told), np.finfo(float).tiny))))
-        k = shared[worst]
+        k, moved = shared[worst], float(off[worst] / told[worst, worst])
         agrees = ratio < 2.0 * limit * usual
         sentence = (
             f"{name} agrees with what the records share: its scores scatter by {ratio:.3g} × noise"
             if agrees
             else (
                 f"{name} does not agree with what the records share: its scores are {ratio / usual:.3g} × noise, "
-                f"first of {layout.names[k]}, by {float(moved[worst] * layout.factor[k]):.3g}"
+                f"first of {layout.names[k]}, by {moved * layout.factor[k]:.3g} in SI units"
             )
         )
         checks.append(Check("agreement", bool(agrees), sentence))

@@ -92,12 +92,7 @@ class Pooled(Filtered):
         effect = super().effect(name)
         if not any(c.own for c in effect.coefficients):
             return effect
-        each = [
-            one
-            for c in effect.coefficients
-            for one in ([replace(c, name=own_name(c.name, part.name)) for part in self.parts] if c.own else [c])
-        ]
-        return replace(effect, coefficients=tuple(each))
+        return effect.of_several([partial(own_name, record=part.name) for part in self.parts])
 
     def plausible(self, name: str) -> Array:
         """As each record has it; a slope is as large as its constant is uncertain."""

@@ -85,8 +85,10 @@ def _scores(of: Likelihood, seen: Tested, deviation: Array, effects: Effects) ->
 def _shares(of: Likelihood, tested: Effects, included: int) -> list[Effects]:
     """The effects in as many passes as they need, and two where two may run at a time."""
 
+    needed = {name: len(of.effect(name).signals) for name in tested}
+
     def signals(names: Effects) -> int:
-        return sum(len(of.effect(name).signals) for name in names)
+        return sum(needed[name] for name in names)
 
     shares: list[dict[str, Mapping[str, float]]] = [{}, {}]
     for name, given in tested.items():
