@@ -78,7 +78,7 @@ def most_probable(entry: Mapping[str, Any], alike: Iterable[frozenset[str]]) -> 
     return members, min(math.fsum(classes.get(name, 0.0) for name in members), 1.0)
 
 
-def draw(path: Path, found: Calibration, title: str) -> None:
+def write_reliability_diagram(path: Path, found: Calibration, title: str) -> None:
     """The reliability diagram: the share that was so over the probability stated, and how many statements there are."""
     import matplotlib as mpl
     from matplotlib.figure import Figure

@@ -46,7 +46,7 @@ def orders() -> list[Order]:
     return [*fixed, *clean, *(Order("calm", (name,), 0, DRAW) for name in DRAWN)]
 
 
-def draw(order: Order) -> Drawn:
+def draw_single_tone_record(order: Order) -> Drawn:
     """A device near S-slow, its hidden effect, the calmest of benches."""
     rng = np.random.default_rng(order.seed)
     device = draw_device(rng, crest=1.0, slow=True)
@@ -73,7 +73,7 @@ def made(folder: Path, say: Say) -> list[Path]:
         if os.environ.get("CALM_ONLY", "") not in order.name:
             continue
         if not (place / "truth.json").exists():
-            drawn = draw(order)
+            drawn = draw_single_tone_record(order)
             keep(drawn, recorded(drawn, order, SAMPLES), order, place)
             say(f"{order.name}: recorded")
         places.append(place)

@@ -14,7 +14,7 @@ from estimator.identification.trace import trace
 from estimator.record import Record
 from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.population import Order
-from evaluation.undeclared.record import draw
+from evaluation.undeclared.record import draw_record
 from hil.bench import Bench, override
 from hil.inputs.declared import device_of, observer_settings_of
 
@@ -28,7 +28,7 @@ def rows(say: Say) -> list[Row]:
         if name.startswith("temperature"):
             continue
         order = Order("single", (name,), 0, draw=2)
-        drawn = draw(order, SAMPLES)
+        drawn = draw_record(order, SAMPLES)
         before = close_loop(drawn.scenario, drawn.bench, SAMPLES, seed=order.seed)
         found = traced(before, drawn.bench)
         bench = override(drawn.bench, {"effects": found}, name)

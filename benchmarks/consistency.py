@@ -41,7 +41,7 @@ class End:
     rate_angle_bound: Floats
 
 
-def declared(name: str) -> tuple[Scenario, Bench]:
+def declared_bench(name: str) -> tuple[Scenario, Bench]:
     """Constant rate and white noise only; a bench whose noise is the emulator's, and whose P0 the initial values are
     drawn from.
     """
@@ -171,7 +171,7 @@ def bootstrap(errors: Floats, bounds: Floats, draws: int = 2000) -> tuple[float,
 
 def study(name: str, seeds: int, progress: Callable[[int], None]) -> dict[str, float]:
     """All figures of one scenario."""
-    scenario, bench = declared(name)
+    scenario, bench = declared_bench(name)
     start = true_start(scenario)
     ends = []
     for seed in range(seeds):

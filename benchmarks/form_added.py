@@ -14,7 +14,7 @@ from benchmarks.row import Row, Say
 from estimator.errors import ModelError
 from estimator.missing_force.estimate import missing_force
 from evaluation.undeclared.population import Order
-from evaluation.undeclared.record import draw
+from evaluation.undeclared.record import draw_record
 from hil.bench import load_bench, override
 from hil.bench.template import template, values_of
 from hil.records.force import to_model
@@ -42,7 +42,7 @@ def rows(say: Say) -> list[Row]:
     figures = []
     for name in KINDS:
         order = Order("single", (name,), 0, draw=DRAW)
-        drawn = draw(order, SAMPLES)
+        drawn = draw_record(order, SAMPLES)
         before = close_loop(drawn.scenario, drawn.bench, SAMPLES, seed=order.seed)
         found = traced(before, drawn.bench)
         named = override(drawn.bench, {"effects": found}, name)

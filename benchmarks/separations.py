@@ -34,7 +34,7 @@ from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.judging import class_of, plain
 from evaluation.undeclared.population import Order
-from evaluation.undeclared.record import draw
+from evaluation.undeclared.record import draw_record
 from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.loop.request import RunRequest
@@ -98,7 +98,7 @@ def _one(samples: int, order: Order) -> dict[str, Any]:
     place = kept.with_suffix("")
     shutil.rmtree(place, ignore_errors=True)
     place.mkdir()
-    drawn = draw(order, samples)
+    drawn = draw_record(order, samples)
     scenario = place / "device.scenario.toml"
     write_text(scenario, toml_of(drawn.table))
     bench = override(drawn.bench, {"loop": {"name": order.name.replace("_", "-")}}, order.name)

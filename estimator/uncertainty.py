@@ -44,7 +44,7 @@ CONSTANTS = tuple(field.name for field in fields(Calibration))
 
 
 @dataclass(frozen=True)
-class Course:
+class SinceZero:
     """What happened since the reference instant: numbers, or arrays of one shape.
 
     seconds; rotation [rad] of the board as reported; forced [rad]: rotation of the board that was taken off for forces,
@@ -60,12 +60,12 @@ class Course:
     angular_gain: float = 1.0
 
 
-def variances(calibration: Calibration, course: Course) -> dict[str, Number]:
+def variances(calibration: Calibration, course: SinceZero) -> dict[str, Number]:
     """Variance [rad²] of the reported angle by each constant."""
     return {name: square * getattr(calibration, name) ** 2 for name, square in sensitivities(course).items()}
 
 
-def sensitivities(course: Course) -> dict[str, Number]:
+def sensitivities(course: SinceZero) -> dict[str, Number]:
     """Square of what one unit of each constant does to the angle: of its two axes together where it has two."""
     seconds, forced, per = course.seconds, course.forced, 1.0 / course.angular_gain
     xx, yy, xy = course.damping
@@ -88,7 +88,7 @@ def sensitivities(course: Course) -> dict[str, Number]:
     }
 
 
-def total_variance(calibration: Calibration, course: Course) -> Number:
+def total_variance(calibration: Calibration, course: SinceZero) -> Number:
     """Variance [rad²] of the reported angle by the calibration as a whole."""
     found: Mapping[str, Number] = variances(calibration, course)
     return sum(found.values())

@@ -23,7 +23,7 @@ from estimator.side_by_side import one_blas_thread
 from evaluation.undeclared.device import draw_rate
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.population import Order
-from evaluation.undeclared.record import Drawn, draw, write_capture
+from evaluation.undeclared.record import Drawn, draw_record, write_capture
 from hil.bench import override
 from hil.inputs.captured import drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
@@ -55,7 +55,7 @@ def drawing(number: int, seed: int, folder: Path) -> Drawing:
     effect = HIDDEN[number % len(HIDDEN)] if kind.startswith("effect") else ""
     order = Order("single" if effect else "clean", (effect,) if effect else (), number, seed)
     rng = np.random.default_rng([seed, number])
-    drawn = draw(order, SAMPLES)
+    drawn = draw_record(order, SAMPLES)
     count = int(rng.integers(3, 7))
     covariate = "temp_K" if kind in ("temperature", "effect warm") else None
     members = []

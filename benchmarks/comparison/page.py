@@ -28,7 +28,7 @@ def write_page(path: Path, tables: Mapping[str, Sequence[Pooled]], counts: Mappi
     text = path.read_text(encoding="utf-8") if path.exists() else f"# Methods beside one another\n\n{_BEGIN}\n{_END}\n"
     before, rest = text.split(_BEGIN)
     write_text(path, before + "\n".join(lines) + rest[rest.index(_END) :])
-    draw(path.with_suffix(".svg"), tables)
+    write_error_figure(path.with_suffix(".svg"), tables)
 
 
 def _cells(row: Pooled, count: int) -> tuple[str, ...]:
@@ -48,7 +48,7 @@ def _cells(row: Pooled, count: int) -> tuple[str, ...]:
     )
 
 
-def draw(path: Path, tables: Mapping[str, Sequence[Pooled]]) -> None:
+def write_error_figure(path: Path, tables: Mapping[str, Sequence[Pooled]]) -> None:
     """Angle errors of every method: a dot a record, a bar for all; a panel a case."""
     from matplotlib.figure import Figure
 

@@ -17,7 +17,7 @@ EFFECT = np.dtype([("kind", "i8"), ("at", "i8"), ("c", "f8", (MAX_COEFFICIENTS,)
 """`at` is the first of an effect's own states in the vector [x, ẋ, y, ẏ, …]."""
 
 
-class Coefficient(NamedTuple):
+class HiddenCoefficient(NamedTuple):
     """One number of an effect: `default` None means that it must be given; `positive`, that it must be above 0;
     `switch`, that it is 0 or 1; `above`, that it must be above that.
     """
@@ -36,29 +36,33 @@ class Declaration(NamedTuple):
     """
 
     equation: str
-    coefficients: tuple[Coefficient, ...]
+    coefficients: tuple[HiddenCoefficient, ...]
     states: int = 0
 
 
-def per_axis(symbol: str, unit: str) -> tuple[Coefficient, Coefficient]:
+def per_axis(symbol: str, unit: str) -> tuple[HiddenCoefficient, HiddenCoefficient]:
     """`symbol` of x and of y, 0 where not given."""
-    return Coefficient(f"{symbol}x", unit), Coefficient(f"{symbol}y", unit)
+    return HiddenCoefficient(f"{symbol}x", unit), HiddenCoefficient(f"{symbol}y", unit)
 
 
-def given(symbol: str, unit: str) -> Coefficient:
+def given(symbol: str, unit: str) -> HiddenCoefficient:
     """One that must be given, above 0."""
-    return Coefficient(symbol, unit, None, positive=True)
+    return HiddenCoefficient(symbol, unit, None, positive=True)
 
 
-def switches() -> tuple[Coefficient, Coefficient]:
+def switches() -> tuple[HiddenCoefficient, HiddenCoefficient]:
     """Of each axis whether it is the other way round."""
-    return Coefficient("px", "1", switch=True), Coefficient("py", "1", switch=True)
+    return HiddenCoefficient("px", "1", switch=True), HiddenCoefficient("py", "1", switch=True)
 
 
-def limits(symbol: str, unit: str) -> tuple[Coefficient, Coefficient]:
+def limits(symbol: str, unit: str) -> tuple[HiddenCoefficient, HiddenCoefficient]:
     """A limit of each axis, which must be given."""
     return given(f"{symbol}x", unit), given(f"{symbol}y", unit)
 
 
-LINE = (Coefficient("frequency", "Hz", None), Coefficient("phase_x", "rad"), Coefficient("phase_y", "rad"))
+LINE = (
+    HiddenCoefficient("frequency", "Hz", None),
+    HiddenCoefficient("phase_x", "rad"),
+    HiddenCoefficient("phase_y", "rad"),
+)
 """Frequency and phases of a sine."""

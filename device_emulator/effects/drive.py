@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from device_emulator.effects.declaration import Coefficient, Declaration, limits, per_axis, switches
+from device_emulator.effects.declaration import Declaration, HiddenCoefficient, limits, per_axis, switches
 
 
 class DriveKind(IntEnum):
@@ -21,9 +21,9 @@ class DriveKind(IntEnum):
 DECLARATIONS: dict[IntEnum, Declaration] = {
     DriveKind.DRIVE_GAIN: Declaration("ux -> (1 + hx) ux, uy -> (1 + hy) uy", per_axis("h", "1")),
     DriveKind.DRIVE_MISALIGNMENT: Declaration(
-        "ux -> ux + mx uy, uy -> uy + my ux", (Coefficient("mx", "1"), Coefficient("my", "1"))
+        "ux -> ux + mx uy, uy -> uy + my ux", (HiddenCoefficient("mx", "1"), HiddenCoefficient("my", "1"))
     ),
-    DriveKind.DRIVE_DELAY: Declaration("u(t - tau)", (Coefficient("tux", "s"), Coefficient("tuy", "s"))),
+    DriveKind.DRIVE_DELAY: Declaration("u(t - tau)", (HiddenCoefficient("tux", "s"), HiddenCoefficient("tuy", "s"))),
     DriveKind.DRIVE_SATURATION: Declaration("ux -> clip(ux, -limit_x, limit_x)", limits("limit_", "m/s²")),
     DriveKind.DRIVE_DEAD_BAND: Declaration("ux -> ux - clip(ux, -width_x, width_x)", per_axis("width_", "m/s²")),
     DriveKind.DRIVE_SLEW: Declaration("|du/dt| <= slew, after every delay", limits("slew_", "m/s³")),

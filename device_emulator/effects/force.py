@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from device_emulator.effects.declaration import LINE, Coefficient, Declaration, given, per_axis
+from device_emulator.effects.declaration import LINE, Declaration, HiddenCoefficient, given, per_axis
 
 
 class ForceKind(IntEnum):
@@ -50,9 +50,9 @@ _FRICTION = (*per_axis("f", "m/s²"), given("v0", "m/s"))
 
 DECLARATIONS: dict[IntEnum, Declaration] = {
     ForceKind.CUBIC_STIFFNESS: Declaration("-k3x x^3, -k3y y^3", per_axis("k3", "1/(m²·s²)")),
-    ForceKind.CUBIC_ISOTROPIC: Declaration("-k3 r^2 (x, y)", (Coefficient("k3", "1/(m²·s²)"),)),
+    ForceKind.CUBIC_ISOTROPIC: Declaration("-k3 r^2 (x, y)", (HiddenCoefficient("k3", "1/(m²·s²)"),)),
     ForceKind.QUINTIC_STIFFNESS: Declaration("-k5x x^5, -k5y y^5", per_axis("k5", "1/(m⁴·s²)")),
-    ForceKind.QUINTIC_ISOTROPIC: Declaration("-k5r r^4 (x, y)", (Coefficient("k5r", "1/(m⁴·s²)"),)),
+    ForceKind.QUINTIC_ISOTROPIC: Declaration("-k5r r^4 (x, y)", (HiddenCoefficient("k5r", "1/(m⁴·s²)"),)),
     ForceKind.QUADRATIC_STIFFNESS: Declaration("-k2x x^2, -k2y y^2", per_axis("k2", "1/(m·s²)")),
     ForceKind.NONLINEAR_DAMPING: Declaration("-d3x x^2 x', -d3y y^2 y'", per_axis("d3", "1/(m²·s)")),
     ForceKind.DRY_FRICTION: Declaration("-fx tanh(x'/v0), -fy tanh(y'/v0)", _FRICTION),
@@ -60,15 +60,15 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
         "-stx tanh(x'/v0) exp(-(x'/vs)^2), -sty (...): what friction at rest has beside that of motion",
         (*per_axis("st", "m/s²"), given("v0", "m/s"), given("vs", "m/s")),
     ),
-    ForceKind.NONLINEAR_DAMPING_RADIAL: Declaration("-d3r r^2 (x', y')", (Coefficient("d3r", "1/(m²·s)"),)),
+    ForceKind.NONLINEAR_DAMPING_RADIAL: Declaration("-d3r r^2 (x', y')", (HiddenCoefficient("d3r", "1/(m²·s)"),)),
     ForceKind.DRAG: Declaration("-dqx |x'| x', -dqy |y'| y'", per_axis("dq", "1/m")),
-    ForceKind.DRAG_RADIAL: Declaration("-dqr |v| (x', y')", (Coefficient("dqr", "1/m"),)),
+    ForceKind.DRAG_RADIAL: Declaration("-dqr |v| (x', y')", (HiddenCoefficient("dqr", "1/m"),)),
     ForceKind.CUBIC_DAMPING: Declaration("-dcx x'^3, -dcy y'^3", per_axis("dc", "s/m²")),
-    ForceKind.CUBIC_DAMPING_RADIAL: Declaration("-dcr |v|^2 (x', y')", (Coefficient("dcr", "s/m²"),)),
+    ForceKind.CUBIC_DAMPING_RADIAL: Declaration("-dcr |v|^2 (x', y')", (HiddenCoefficient("dcr", "s/m²"),)),
     ForceKind.DAMPING_ASYMMETRIC: Declaration("-dax |x'|, -day |y'|", per_axis("da", "1/s")),
     ForceKind.DRY_FRICTION_RADIAL: Declaration(
         "-fr (x', y') / sqrt(|v|^2 + v0^2): against the motion, whatever its direction",
-        (Coefficient("fr", "m/s²"), given("v0", "m/s")),
+        (HiddenCoefficient("fr", "m/s²"), given("v0", "m/s")),
     ),
     ForceKind.CONSTANT_FORCE: Declaration("+ax, +ay", per_axis("a", "m/s²")),
     ForceKind.BASE_VIBRATION: Declaration("+ax sin(2 pi f t + psi_x), +ay sin(...)", (*per_axis("a", "m/s²"), *LINE)),
@@ -76,13 +76,13 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
         "-fx (T + ax T^2) with T = tanh(x'/v0), -fy (...): f (1 + a) forth, f (1 - a) back",
         (*_FRICTION, *per_axis("a", "1")),
     ),
-    ForceKind.NONRECIPROCAL_STIFFNESS: Declaration("-kn y, +kn x", (Coefficient("kn", "1/s²"),)),
+    ForceKind.NONRECIPROCAL_STIFFNESS: Declaration("-kn y, +kn x", (HiddenCoefficient("kn", "1/s²"),)),
     ForceKind.ANGULAR_GAIN: Declaration(
         "Coriolis and Euler force times 1 + kappa: +kappa (2 W y' + W' y), -kappa (2 W x' + W' x)",
-        (Coefficient("kappa", "1"),),
+        (HiddenCoefficient("kappa", "1"),),
     ),
-    ForceKind.TEMPERATURE_STIFFNESS: Declaration("K (1 + tc (T - T0))", (Coefficient("tc", "1/K"),)),
-    ForceKind.TEMPERATURE_DAMPING: Declaration("D (1 + tc (T - T0))", (Coefficient("tc", "1/K"),)),
+    ForceKind.TEMPERATURE_STIFFNESS: Declaration("K (1 + tc (T - T0))", (HiddenCoefficient("tc", "1/K"),)),
+    ForceKind.TEMPERATURE_DAMPING: Declaration("D (1 + tc (T - T0))", (HiddenCoefficient("tc", "1/K"),)),
     ForceKind.BACKLASH: Declaration(
         "-kbx (x - clip(x, -gap, gap)), -kby (...): a spring with play",
         (*per_axis("kb", "1/s²"), given("gap", "m")),
@@ -114,14 +114,14 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
     ),
     ForceKind.PARAMETRIC_STIFFNESS: Declaration(
         "K (1 + depth sin(2 pi f t + psi))",
-        (Coefficient("depth", "1"), given("frequency", "Hz"), Coefficient("phase", "rad")),
+        (HiddenCoefficient("depth", "1"), given("frequency", "Hz"), HiddenCoefficient("phase", "rad")),
     ),
     ForceKind.NONLINEAR_COUPLING: Declaration(
-        "-3 c x^2 y, -c x^3: potential c x^3 y", (Coefficient("c", "1/(m²·s²)"),)
+        "-3 c x^2 y, -c x^3: potential c x^3 y", (HiddenCoefficient("c", "1/(m²·s²)"),)
     ),
     ForceKind.UNEQUAL_MASSES: Declaration(
         "y moves 1 + m times the mass of x: all of y'' but W^2 y over 1 + m, Coriolis and Euler force being "
         "of the mass that both move",
-        (Coefficient("m", "1", None, above=-1.0),),
+        (HiddenCoefficient("m", "1", None, above=-1.0),),
     ),
 }

@@ -3,7 +3,7 @@
 from enum import IntEnum
 
 from device_emulator.effects.catalogue import DECLARATIONS
-from device_emulator.effects.declaration import Coefficient, Declaration
+from device_emulator.effects.declaration import Declaration, HiddenCoefficient
 
 _INTRODUCTION = """\
 # Hidden effects of an emulated board
@@ -60,7 +60,7 @@ def _row(kind: IntEnum, declaration: Declaration) -> str:
     return f"| `{kind.name.lower()}` | {equation} | {coefficients} |\n"
 
 
-def _coefficient(coefficient: Coefficient) -> str:
+def _coefficient(coefficient: HiddenCoefficient) -> str:
     given = " (given)" if coefficient.default is None else ""
     return f"`{coefficient.symbol}` [{coefficient.unit}]{given}"
 

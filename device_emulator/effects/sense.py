@@ -2,7 +2,7 @@
 
 from enum import IntEnum
 
-from device_emulator.effects.declaration import LINE, Coefficient, Declaration, given, limits, per_axis, switches
+from device_emulator.effects.declaration import LINE, Declaration, HiddenCoefficient, given, limits, per_axis, switches
 
 
 class SenseKind(IntEnum):
@@ -24,16 +24,16 @@ class SenseKind(IntEnum):
     FREE_MODE = 66
 
 
-_RINGING = tuple(Coefficient(name, "V") for name in ("cmx", "smx", "cmy", "smy"))
+_RINGING = tuple(HiddenCoefficient(name, "V") for name in ("cmx", "smx", "cmy", "smy"))
 
 DECLARATIONS: dict[IntEnum, Declaration] = {
     SenseKind.SENSE_GAIN: Declaration("x -> (1 + gx) x, y -> (1 + gy) y", per_axis("g", "1")),
     SenseKind.SENSE_CROSS_COUPLING: Declaration(
-        "x -> x + ex y, y -> y + ey x", (Coefficient("ex", "1"), Coefficient("ey", "1"))
+        "x -> x + ex y, y -> y + ey x", (HiddenCoefficient("ex", "1"), HiddenCoefficient("ey", "1"))
     ),
     SenseKind.SENSE_QUADRATIC: Declaration("x -> x + a2x x^2, y -> y + a2y y^2", per_axis("a2", "1/m")),
     SenseKind.SENSE_CUBIC: Declaration("x -> x + a3x x^3, y -> y + a3y y^3", per_axis("a3", "1/m²")),
-    SenseKind.SENSE_DELAY: Declaration("x(t - tau)", (Coefficient("tsx", "s"), Coefficient("tsy", "s"))),
+    SenseKind.SENSE_DELAY: Declaration("x(t - tau)", (HiddenCoefficient("tsx", "s"), HiddenCoefficient("tsy", "s"))),
     SenseKind.PARASITIC_MODE: Declaration(
         "x -> x + px, px'' + 2 zeta w px' + w^2 px = rx ux, w = 2 pi f; y likewise",
         (given("frequency", "Hz"), given("zeta", "1"), *per_axis("r", "1")),
@@ -52,7 +52,7 @@ DECLARATIONS: dict[IntEnum, Declaration] = {
     ),
     SenseKind.FREE_MODE: Declaration(
         "V + p, p'' + dm p' + (wm^2 + dm^2/4) p = 0 from p = cm, p' = wm sm - dm cm / 2 on; an axis each",
-        (given("wm", "1/s"), Coefficient("dm", "1/s"), *_RINGING),
+        (given("wm", "1/s"), HiddenCoefficient("dm", "1/s"), *_RINGING),
         states=4,
     ),
     SenseKind.SENSE_CLIPPING: Declaration(

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.completeness.answer import Completeness, Lacking, Outcome
-from estimator.completeness.constants import constants_of, off
-from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.constants import calibrated_effects, off
+from estimator.completeness.information import Information, ScannedCoefficient
 from estimator.completeness.judgement import left_in
 from estimator.completeness.lacking import HARMLESS, Taken, leading, taken_together
 from estimator.completeness.scan import COURSE, PARTS, scan
@@ -133,7 +133,7 @@ def _scanned(
     if not base.evaluation.sound:
         return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
     tested = tested_of(of, base)
-    constants = constants_of(declared, tested, device)
+    constants = calibrated_effects(declared, tested, device)
     if constants:
         of = replace(of, known=declared)
         base = beside(of, base, constants, limits.innovation_ratio)
@@ -263,12 +263,12 @@ def turning_of(
 
 def information_of(seen: Scores, turning: Turning, of: Stretched) -> Information:
     """Normal equations of the scan beside the sensitivity of the angle, for what the scan tested."""
-    coefficients: list[Coefficient] = []
+    coefficients: list[ScannedCoefficient] = []
     places: list[int] = []
     for name, columns in seen.columns.items():
         places += range(turning.columns[name].start, turning.columns[name].stop)
         for c, plausible in zip(of.effect(name).coefficients, seen.plausible[columns], strict=True):
-            coefficients.append(Coefficient(name, c.name.partition(":")[0], c.unit, float(plausible)))
+            coefficients.append(ScannedCoefficient(name, c.name.partition(":")[0], c.unit, float(plausible)))
     return Information(
         tuple(coefficients), seen.normal, seen.score, turning.time, np.asarray(turning.sensitivity.T[places]).T,
         seen.widening, np.hypot(turning.shift, turning.deviation),

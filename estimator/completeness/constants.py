@@ -26,7 +26,7 @@ class Off(NamedTuple):
     evidence: float
 
 
-def constants_of(declared: Mapping[str, float], names: Collection[str], device: Device) -> tuple[str, ...]:
+def calibrated_effects(declared: Mapping[str, float], names: Collection[str], device: Device) -> tuple[str, ...]:
     """Those of the named effects of which every coefficient has a declared standard deviation, by symbol, SI."""
     return tuple(name for name in names if all(declared.get(s, 0.0) > 0.0 for s in symbols_of(name, device)))
 

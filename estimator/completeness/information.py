@@ -24,7 +24,7 @@ SIZES = (1.0, 0.1, 0.01, 0.001)
 
 
 @dataclass(frozen=True)
-class Coefficient:
+class ScannedCoefficient:
     """One coefficient of an effect that was watched.
 
     effect: its name, with a label where it was watched with several parameters; plausible: its largest likely size, SI.
@@ -96,7 +96,7 @@ class Information:
     far effects that are there turned the angle, too little to matter and not among the coefficients, None without any.
     """
 
-    coefficients: tuple[Coefficient, ...]
+    coefficients: tuple[ScannedCoefficient, ...]
     normal: Array
     score: Array
     time: Array

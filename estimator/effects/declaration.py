@@ -13,7 +13,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from estimator.effects.search import Kin, Search, Sign
-from estimator.model.formula import declared, in_sympy, is_nothing, names_in, symbol, symbolic, without
+from estimator.model.formula import as_declared, in_sympy, is_nothing, names_in, symbol, symbolic, without
 
 if TYPE_CHECKING:
     import sympy as sp
@@ -209,7 +209,7 @@ class Effect:
     @property
     def pushes(self) -> bool:
         """Whether it is a force."""
-        return not all(is_nothing(force) for force in declared(self, "force"))
+        return not all(is_nothing(force) for force in as_declared(self, "force"))
 
     def labelled(self, label: str) -> "Effect":
         """One of several of the same kind: names of effect and coefficients carry the label."""
@@ -229,9 +229,9 @@ class Effect:
             return None
         if self.delayed is not None:
             return _with(self, coefficients=self.coefficients[:1])
-        alone = declared(self, "alone")
-        force = _of_one_axis(declared(self, "force")[0])
-        sense = _of_one_axis(declared(self, "sense")[0] if alone is None else alone)
+        alone = as_declared(self, "alone")
+        force = _of_one_axis(as_declared(self, "force")[0])
+        sense = _of_one_axis(as_declared(self, "sense")[0] if alone is None else alone)
         asked = names_in((force, sense))
         asked |= {name_of(s, "behind") for s in self.signals if name_of(s) in asked}
         left = tuple(c for c in self.coefficients if name_of(c) in asked)
@@ -243,7 +243,7 @@ class Effect:
 
 def name_of(declaration: "Coefficient | Parameter | Signal", field_name: str = "symbol") -> str:
     """Name of its symbol, or of another symbolic field; "" for none."""
-    symbol = declared(declaration, field_name)
+    symbol = as_declared(declaration, field_name)
     return "" if symbol is None else str(symbol)
 
 

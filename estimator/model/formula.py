@@ -221,6 +221,6 @@ def symbolic(*names: str) -> Callable[[_Class], _Class]:
     return decorated
 
 
-def declared(instance: Any, name: str) -> Any:
+def as_declared(instance: Any, name: str) -> Any:
     """A symbolic field as it was declared, without SymPy."""
     return instance.__dict__[name]

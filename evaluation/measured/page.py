@@ -33,12 +33,12 @@ def write_page(path: Path, outcomes: Sequence[Outcome]) -> None:
         lines.append(f"\n## {outcome.title}")
         lines += [f"\n{paragraph}" for paragraph in outcome.paragraphs]
         for panel in outcome.panels:
-            draw(path.parent / f"measured-{panel.name}.svg", panel)
+            write_panel(path.parent / f"measured-{panel.name}.svg", panel)
             lines.append(f"\n![{panel.title}](measured-{panel.name}.svg)")
     write_text(path, "\n".join(lines) + "\n")
 
 
-def draw(path: Path, panel: Panel) -> None:
+def write_panel(path: Path, panel: Panel) -> None:
     """One figure as SVG on white, the same bytes for the same numbers."""
     import matplotlib
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from benchmarks.calibration import draw
+from benchmarks.calibration import write_reliability_diagram
 from evaluation.undeclared.effects import EFFECTS
 from evaluation.undeclared.judging import NOTHING, Judgement
 from evaluation.undeclared.summary import ratios, stated
@@ -18,7 +18,7 @@ def write_page(folder: Path, summary: Mapping[str, Any], judged: Sequence[Judgem
     folder.mkdir(parents=True, exist_ok=True)
     right = {(j.row, j.column) for j in judged if j.right}
     _draw(folder / "undeclared.svg", summary["confusion"], right)
-    draw(folder / "undeclared-calibration.svg", stated(judged), "undeclared effects")
+    write_reliability_diagram(folder / "undeclared-calibration.svg", stated(judged), "undeclared effects")
     write_text(folder / "undeclared.md", _page(summary, judged))
 
 

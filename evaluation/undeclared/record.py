@@ -50,7 +50,7 @@ class Drawn:
     excited: bool
 
 
-def draw(order: Order, samples: int, attempt: int = 0) -> Drawn:
+def draw_record(order: Order, samples: int, attempt: int = 0) -> Drawn:
     """The device of `order`, for a record of so many samples; another one for each attempt."""
     rng = np.random.default_rng([order.seed, attempt] if attempt else order.seed)
     drawables = [EFFECTS[name] for name in order.effects]
@@ -85,7 +85,7 @@ def make(order: Order, folder: Path, samples: int = SAMPLES) -> Path:
     if (place / "truth.json").exists():
         return made_of(order, folder, samples)
     for attempt in range(_ATTEMPTS):
-        drawn = draw(order, samples, attempt)
+        drawn = draw_record(order, samples, attempt)
         loop = recorded(drawn, order, samples)
         if not _clipped(loop):
             return keep(drawn, loop, order, place, attempt)

@@ -2,14 +2,14 @@
 
 import numpy as np
 
-from hil.comparing.course import DAMPING, STIFFNESS, Course
+from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse
 from hil.records.runfolder import RunFolder
 
 ON_THE_BOARD = "on the board"
 """What the row is called."""
 
 
-def board_course(folder: RunFolder) -> Course | None:
+def board_course(folder: RunFolder) -> MethodCourse | None:
     """Of a run in board mode; None where the board said nothing. An entry without a deviation is declared to it."""
     board = folder.board_estimates
     if board is None or not len(board):
@@ -18,7 +18,7 @@ def board_course(folder: RunFolder) -> Course | None:
     deviations = {label: float(board.sd(column)[-1]) for label, column in columns.items()}
     estimated = [label for label, deviation in deviations.items() if deviation > 0.0]
     rate_sd = board.sd("rate_rad_s")
-    return Course(
+    return MethodCourse(
         name=ON_THE_BOARD,
         kind="observer",
         tick=board.tick,

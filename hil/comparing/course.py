@@ -19,7 +19,7 @@ _HELD = 0.1  # of the scored window, over which it has to hold
 
 
 @dataclass(frozen=True)
-class Course:
+class MethodCourse:
     """Angle (rows,) [rad] and rate [rad/s] after the ticks `tick` (rows,); parameters at the end, [1/s²] and [1/s],
     with their standard deviations where the method says them; angle_u, the standard uncertainty of the angle's change,
     and rate_sd (rows,) likewise.  lost_tick: where the method itself tells that it has lost the device.
@@ -80,12 +80,12 @@ class Judge:
     def __init__(self, rate_Hz: float, from_s: float, stiffness_per_s2: float) -> None:
         self.rate_Hz, self.from_s, self._k = rate_Hz, from_s, stiffness_per_s2
 
-    def error(self, course: Course, reference: Reference) -> tuple[Floats, Floats]:
+    def error(self, course: MethodCourse, reference: Reference) -> tuple[Floats, Floats]:
         """Bench time (rows,) and error of the angle [rad], zero at the start of the scored window."""
         true, _ = reference.at(course.tick)
         return course.tick / self.rate_Hz, self._from_start(course.tick, course.angle - true)
 
-    def row(self, course: Course, reference: Reference | None) -> MethodRow:
+    def row(self, course: MethodCourse, reference: Reference | None) -> MethodRow:
         """The figures of a course."""
         seconds = course.tick / self.rate_Hz
         scored = seconds >= self.from_s
@@ -136,17 +136,19 @@ class Judge:
         first = int(np.searchsorted(tick / self.rate_Hz, self.from_s))
         return np.asarray(values - values[min(first, len(values) - 1)])
 
-    def _not_finite(self, course: Course) -> float | None:
+    def _not_finite(self, course: MethodCourse) -> float | None:
         wrong = np.flatnonzero(~np.isfinite(course.angle))
         return float(course.tick[wrong[0]] / self.rate_Hz) if wrong.size else None
 
     @staticmethod
-    def _deviation(course: Course, names: tuple[str, ...], unit: float | None) -> float | None:
+    def _deviation(course: MethodCourse, names: tuple[str, ...], unit: float | None) -> float | None:
         found = [course.deviations[name] for name in names if name in course.deviations]
         return _finite(COVERAGE * _rms(np.array(found)) / unit) if found and unit else None
 
 
-def _parameter_error(course: Course, reference: Reference, names: tuple[str, ...], unit: float | None) -> float | None:
+def _parameter_error(
+    course: MethodCourse, reference: Reference, names: tuple[str, ...], unit: float | None
+) -> float | None:
     known = [name for name in names if name in course.parameters and name in reference.parameters]
     if not known or not unit:
         return None

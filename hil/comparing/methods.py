@@ -13,7 +13,7 @@ from hil.bench.by_verb import require_usable
 from hil.comparing import prior_art
 from hil.comparing.board import board_course
 from hil.comparing.bound import bound_of
-from hil.comparing.course import Course, Judge, Reference, reference_of
+from hil.comparing.course import Judge, MethodCourse, Reference, reference_of
 from hil.comparing.observers import (
     GAINS,
     STATES,
@@ -104,7 +104,7 @@ def methods_on(
     truth: Truth | None,
     link: str | None,
     diagnosis: Diagnosis | None = None,
-    board: Course | None = None,
+    board: MethodCourse | None = None,
     remarks: Sequence[str] = (),
     progress: Watcher,
 ) -> tuple[Methods, list[Line]]:
@@ -164,7 +164,7 @@ class _Rows:
         self.failed: list[str] = []
         self._judge, self._progress = judge, progress
 
-    def add(self, name: str, method: Callable[[], tuple[Course, Reference | None]]) -> None:
+    def add(self, name: str, method: Callable[[], tuple[MethodCourse, Reference | None]]) -> None:
         """Run one."""
         self._progress(Progress(name, 0, 0))
         try:
@@ -178,16 +178,16 @@ class _Rows:
             self.lines.append(Line(name, course.kind, t_s, error_rad))
 
 
-def _beside(method: Callable[[], Course], reference: Reference | None) -> tuple[Course, Reference | None]:
+def _beside(method: Callable[[], MethodCourse], reference: Reference | None) -> tuple[MethodCourse, Reference | None]:
     return method(), reference
 
 
 def _on_record(
     subject: Given, diagnosis: Diagnosis | None, remarks: list[str]
-) -> list[tuple[str, Callable[[], Course]]]:
+) -> list[tuple[str, Callable[[], MethodCourse]]]:
     """All methods that read the record."""
     bench = subject.bench
-    found: list[tuple[str, Callable[[], Course]]] = []
+    found: list[tuple[str, Callable[[], MethodCourse]]] = []
     if bench.observer.plugin is not None:
         name = plugin_name(bench.observer.plugin)
         found.append((name, partial(course_of, subject, bench, name)))

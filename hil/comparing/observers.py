@@ -11,7 +11,7 @@ from estimator.observer import Estimates, Observer
 from estimator.rotation import Rotation
 from estimator.scaling import Array
 from hil.bench import Bench, override
-from hil.comparing.course import DAMPING, STIFFNESS, Course
+from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse
 from hil.comparing.record import Given
 from hil.errors.strict_toml import parse_table
 from hil.inputs.captured import gaps_of
@@ -70,7 +70,7 @@ def without_effects(bench: Bench) -> Bench:
 
 def course_of(
     given: Given, bench: Bench, name: str, kind: MethodKind = "observer", *, rotation: bool = False
-) -> Course:
+) -> MethodCourse:
     """The observer of `bench` over the record; with `rotation`, the angle is that of a state of its own.  Raises
     ModelError where there is no such observer.
     """
@@ -91,7 +91,7 @@ def course_of(
         seen.state[:, column["kxy"]], (damping[0], damping[1], damping[2]),
     )  # fmt: skip
     rate = column["rate"]
-    return Course(
+    return MethodCourse(
         name=name,
         kind=kind,
         tick=tick,
@@ -106,14 +106,14 @@ def course_of(
     )
 
 
-def integrated(given: Given, bench: Bench, name: str) -> Course:
+def integrated(given: Given, bench: Bench, name: str) -> MethodCourse:
     """∫Ω̂ dt of the observer of `bench`, as a method of the prior art."""
     device, settings = recorded_device_of(bench, given.captured), observer_settings_of(bench)
     begun = time.process_time()
     seen = observed(given, Observer(device, settings, given.control), bench)
     cost_us = 1e6 * (time.process_time() - begun) / len(given.samples.tick)
     rate = seen.names.index("rate")
-    return Course(
+    return MethodCourse(
         name, "prior art", given.samples.tick[seen.at], seen.rate_integral, seen.state[:, rate],
         lost_tick=None if seen.lost is None else int(given.samples.tick[seen.lost]), cost_us=cost_us,
     )  # fmt: skip

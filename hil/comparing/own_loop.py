@@ -19,7 +19,7 @@ from estimator.observer import Observer
 from estimator.prior_art.park_horowitz import ParkHorowitz
 from hil.bench import Bench, override
 from hil.boards.emulation import is_emulated, located, served
-from hil.comparing.course import DAMPING, STIFFNESS, Course, Reference, parameters_of
+from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse, Reference, parameters_of
 from hil.comparing.observers import with_observer
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
@@ -49,7 +49,9 @@ def require_emulated(link: str) -> str:
     return located(link)
 
 
-def own_runs(bench: Bench, link: str, seconds: float) -> Iterator[tuple[str, Callable[[], tuple[Course, Reference]]]]:
+def own_runs(
+    bench: Bench, link: str, seconds: float
+) -> Iterator[tuple[str, Callable[[], tuple[MethodCourse, Reference]]]]:
     """Names, and what runs each for so long, with the truth of that run."""
     bench = override(bench, {"loop": {"clock": "lockstep", "duration_s": seconds}}, bench.device.name or "bench")
     eleven = with_observer(bench, "gyro", bench.observer.gain)
@@ -66,7 +68,7 @@ class Controller(Protocol):
         """One sample."""
         ...
 
-    def course(self, name: str) -> Course:
+    def course(self, name: str) -> MethodCourse:
         """The run, at every `estimate_every`-th sample."""
         ...
 
@@ -79,10 +81,10 @@ class Adaptive:
         self._every = bench.loop.estimate_every
         self.tick = self._controller.tick
 
-    def course(self, name: str) -> Course:
+    def course(self, name: str) -> MethodCourse:
         """As `Controller`."""
         reading, kept = self._controller.reading, slice(self._every - 1, None, self._every)
-        return Course(
+        return MethodCourse(
             name=name,
             kind="prior art",
             tick=reading.index[kept],
@@ -122,12 +124,12 @@ class Eleven:
             self._rows.append((self._done - 1, angle, float(self._observer.state[self._rate])))
         return codes
 
-    def course(self, name: str) -> Course:
+    def course(self, name: str) -> MethodCourse:
         """As `Controller`."""
         tick, angle, rate = np.array(self._rows).reshape(-1, 3).T
         place = {label: self._observer.names.index(label) for label in self._observer.estimated}
         state = self._observer.state
-        return Course(
+        return MethodCourse(
             name=name,
             kind="prior art",
             tick=tick.astype(np.int64),
@@ -138,7 +140,7 @@ class Eleven:
         )
 
 
-def _run(bench: Bench, link: str, name: str, make: type[Controller]) -> tuple[Course, Reference]:
+def _run(bench: Bench, link: str, name: str, make: type[Controller]) -> tuple[MethodCourse, Reference]:
     with tempfile.TemporaryDirectory() as place:
         truth = Path(place) / "truth.arrow"
         with _board(link, truth, bench.loop.seed) as opened:
@@ -148,7 +150,7 @@ def _run(bench: Bench, link: str, name: str, make: type[Controller]) -> tuple[Co
         return course, Reference("truth", tick, angle, rate, parameters_of(found))
 
 
-def _closed(bench: Bench, link: Link, name: str, make: type[Controller]) -> Course:
+def _closed(bench: Bench, link: Link, name: str, make: type[Controller]) -> MethodCourse:
     """A run on an open link."""
     endpoint = Endpoint(link)
     identity = client.connect(endpoint, bench.link.timeout_s)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from estimator.prior_art import friedland_hutton, integrated_rate, raw_pattern
 from estimator.prior_art.reading import Reading
-from hil.comparing.course import Course
+from hil.comparing.course import MethodCourse
 from hil.comparing.observers import course_of, integrated, with_observer
 from hil.comparing.record import Given
 
@@ -19,7 +19,7 @@ WITHOUT_OFFSETS = "(c) control law without sense errors"
 ELEMENTS = "(e) Friedland–Hutton"
 
 
-def methods(given: Given) -> Iterator[tuple[str, Callable[[], Course]]]:
+def methods(given: Given) -> Iterator[tuple[str, Callable[[], MethodCourse]]]:
     """Names, and what runs each."""
     device, control, samples = given.device, given.control, given.samples
     gain = given.bench.observer.gain
@@ -40,7 +40,7 @@ def methods(given: Given) -> Iterator[tuple[str, Callable[[], Course]]]:
     yield ELEMENTS, lambda: read(given, ELEMENTS, lambda: friedland_hutton.read(given.sense, device, control))
 
 
-def read(given: Given, name: str, method: Callable[[], Reading]) -> Course:
+def read(given: Given, name: str, method: Callable[[], Reading]) -> MethodCourse:
     """A method of `estimator.prior_art` on the record, at the rows at which the observers are read."""
     begun = time.process_time()
     reading = method()
@@ -48,11 +48,11 @@ def read(given: Given, name: str, method: Callable[[], Reading]) -> Course:
     return replace(as_course(reading, name, given), cost_us=cost_us)
 
 
-def as_course(reading: Reading, name: str, given: Given) -> Course:
+def as_course(reading: Reading, name: str, given: Given) -> MethodCourse:
     """A reading in bench time; of one at every sample, one in `estimate_every`."""
     dense = len(reading.index) > len(given.samples.tick) // 2
     keep = slice(None, None, given.bench.loop.estimate_every if dense else 1)
-    return Course(
+    return MethodCourse(
         name=name,
         kind="prior art",
         tick=given.samples.tick[reading.index[keep]],

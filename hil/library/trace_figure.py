@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 _MOST = 10
 
 
-def draw(diagnosis: Diagnosis) -> "Figure":
+def trace_figure(diagnosis: Diagnosis) -> "Figure":
     """Left: innovation over its floor, held out, before and after.  Right: evidence, named effects first, then
     what was carried beside them, then what a scan promises of the others."""
     from matplotlib.figure import Figure

@@ -72,9 +72,9 @@ class Trace:
         """Innovation over its floor on the part that was held out, before and after, and what each candidate would
         have explained by itself.
         """
-        from hil.library.trace_figure import draw
+        from hil.library.trace_figure import trace_figure
 
-        return draw(self.diagnosis)
+        return trace_figure(self.diagnosis)
 
     def __repr__(self) -> str:
         named = ", ".join(effect.name for effect in self.effects)

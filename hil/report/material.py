@@ -18,7 +18,7 @@ from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
 from hil.records.timing import Timing
 from hil.records.truth import Truth
-from hil.report.course import COLUMNS, Course, course, first_since
+from hil.report.pixel_series import COLUMNS, PixelSeries, first_since, pixel_series
 
 Floats = npt.NDArray[np.float64]
 
@@ -115,23 +115,23 @@ class Material:
 
     def drawn(
         self, series: Callable[[Estimates], list[Floats]], *, since_s: float | None = None, columns: int = COLUMNS
-    ) -> Course:
+    ) -> PixelSeries:
         """Series of the estimates, (n,) each, that `series` makes of a part of them; scored from `since_s` on, or from
         where scoring starts."""
         assert self.estimates is not None
         parts = ((part.t_s, np.stack(series(part), 1)) for part in self.estimates.pieces())
         since_s = self.settle_s if since_s is None else since_s
-        return course(parts, self.estimates.ends_s, len(self.estimates), since_s, columns)
+        return pixel_series(parts, self.estimates.ends_s, len(self.estimates), since_s, columns)
 
     def compared(
         self, reference: Reference | None, series: Callable[[Compared], list[Floats]], *, since_s: float | None = None
-    ) -> Course:
+    ) -> PixelSeries:
         """The same of series that `series` makes of estimates beside their reference; without one, see `alone`."""
         assert self.estimates is not None
         every = self.alone() if reference is None else reference.parts()
         parts = ((part.t_s, np.stack(series(part), 1)) for part in every)
         since_s = self.settle_s if since_s is None else since_s
-        return course(parts, self.estimates.ends_s, len(self.estimates), since_s)
+        return pixel_series(parts, self.estimates.ends_s, len(self.estimates), since_s)
 
     def at_first(self, reference: Reference | None, series: Callable[[Compared], list[Floats]]) -> Floats:
         """Such values (k,) where scoring starts; without a reference those of the estimates alone."""

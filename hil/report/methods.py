@@ -58,7 +58,7 @@ def render(
     numbered = Figures()
     tone, word, sentence = headline(found)
     sections = [
-        markup.section("methods", "Methods", numbered.add(lambda: draw(found, lines)), table(found)),
+        markup.section("methods", "Methods", numbered.add(lambda: angle_error_figure(found, lines)), table(found)),
         markup.section("left-out", "What could not be compared", *map(markup.paragraph, found.remarks)),
         markup.section("columns", "Columns", *map(markup.paragraph, _COLUMNS)),
         markup.section("bench", "Bench file", markup.listing(bench_text) if bench_text else ""),
@@ -140,7 +140,7 @@ def table(found: Methods) -> str:
     return markup.table(caption, HEAD, [cells(row) for row in found.rows], range(1, 12))
 
 
-def draw(found: Methods, lines: Sequence[Line]) -> Drawing | None:
+def angle_error_figure(found: Methods, lines: Sequence[Line]) -> Drawing | None:
     """The angle's error of every method, rms over short windows, on a logarithmic scale."""
     if not lines:
         return None

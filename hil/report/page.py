@@ -8,19 +8,17 @@ from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
 from hil.report import markup, tables, uncertainty
 from hil.report.facts import facts
-from hil.report.figures import (
-    angle,
-    closing,
-    innovation,
-    parameters,
-    pattern,
-    prediction,
-    rate,
-    signals,
-    spectrum,
-    timing,
-)
+from hil.report.figures.angle import angle_figure
+from hil.report.figures.closing import closing_figure
 from hil.report.figures.drawing import Drawing
+from hil.report.figures.innovation import innovation_figure
+from hil.report.figures.parameters import parameters_figure
+from hil.report.figures.pattern import pattern_figure
+from hil.report.figures.prediction import prediction_figure
+from hil.report.figures.rate import rate_figure
+from hil.report.figures.signals import signals_figure
+from hil.report.figures.spectrum import innovation_spectrum_figure
+from hil.report.figures.timing import turnaround_figure
 from hil.report.material import Material
 from hil.report.numbering import Figures
 from hil.report.verdict import alarm, headline, key_figures, next_step, parts
@@ -57,25 +55,29 @@ def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | No
 
     line = headline(material.result)
     sections = [
-        markup.section("closing", "What the residual told", _told(material), drawn(closing.draw)),
-        markup.section("angle", "Angle", drawn(angle.draw), uncertainty.section(material), tables.angle(material)),
-        markup.section("rate", "Rate", drawn(rate.draw)),
+        markup.section("closing", "What the residual told", _told(material), drawn(closing_figure)),
+        markup.section("angle", "Angle", drawn(angle_figure), uncertainty.section(material), tables.angle(material)),
+        markup.section("rate", "Rate", drawn(rate_figure)),
         markup.section("on-the-board", "On the board", tables.on_board(material)),
         markup.section(
             "parameters",
             "Parameters",
             tables.parameters(material),
-            drawn(parameters.draw),
+            drawn(parameters_figure),
             tables.coverage(material),
         ),
-        markup.section("vibration", "Vibration", drawn(pattern.draw), drawn(signals.draw)),
+        markup.section("vibration", "Vibration", drawn(pattern_figure), drawn(signals_figure)),
         markup.section(
-            "innovation", "Innovation", drawn(prediction.draw), drawn(innovation.draw), drawn(spectrum.draw)
+            "innovation",
+            "Innovation",
+            drawn(prediction_figure),
+            drawn(innovation_figure),
+            drawn(innovation_spectrum_figure),
         ),
         markup.section(
             "timing",
             "Timing and link",
-            drawn(timing.draw),
+            drawn(turnaround_figure),
             tables.answers(material),
             tables.ledger(material),
             tables.counters(material),

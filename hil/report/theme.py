@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.report.course import Course
+from hil.report.pixel_series import PixelSeries
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -123,7 +123,7 @@ def span_time(
             ax.axvspan(start, settle_s, color=MUTED, alpha=0.10, linewidth=0)
 
 
-def trace(ax: "Axes", drawn: Course, series: int, colour: str, label: str = "", factor: float = 1.0) -> None:
+def trace(ax: "Axes", drawn: PixelSeries, series: int, colour: str, label: str = "", factor: float = 1.0) -> None:
     """A noisy series: its envelope pale, its mean solid, so that a bias shows through the noise."""
     if drawn.crowded:
         ax.fill_between(*drawn.band(series, series, factor), color=colour, alpha=0.32, linewidth=0)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from estimator.uncertainty import Course
+from estimator.uncertainty import SinceZero
 from hil.bench import Bench
 from hil.bench.calibration import SYMBOLS
 from hil.inputs.formula import formula_of
@@ -128,7 +128,7 @@ def _angle(scored: Estimates, bench: Bench) -> Angle | None:
     )
 
 
-def _course(first: Estimates, last: Estimates, sources: Sources) -> Course:
+def _course(first: Estimates, last: Estimates, sources: Sources) -> SinceZero:
     """What happened between two rows of the estimates."""
 
     def between(name: str) -> float:
@@ -146,7 +146,7 @@ def _course(first: Estimates, last: Estimates, sources: Sources) -> Course:
 def _rows(
     bench: Bench,
     sources: Sources,
-    course: Course,
+    course: SinceZero,
     declared: Mapping[str, float],
     left: Mapping[str, float],
     found: Mapping[str, float],
@@ -189,7 +189,7 @@ def _rows(
 _COVARIANCE = "1: covariance of the estimate, with that of the constants by which forces are taken off"
 
 
-def _words(course: Course) -> Mapping[str, str]:
+def _words(course: SinceZero) -> Mapping[str, str]:
     forced, turned = quantity(abs(course.forced), "rad"), quantity(abs(course.rotation), "rad")
     drag = quantity(math.hypot(*course.damping[:2]) / 4.0, "rad/s", 2)
     late = f"{significant(abs(course.stiffness_xy) / 4.0, 4)} rad/s²"
@@ -273,7 +273,7 @@ def with_clock(information: "Information") -> "Information":
     """The same with one more coefficient, "clock": a board that runs fast by δ drives both axes as if their gains were
     less by 2δ each.
     """
-    from estimator.completeness.information import Coefficient
+    from estimator.completeness.information import ScannedCoefficient
 
     if not (information.watches("hx") and information.watches("hy")):
         return information
@@ -287,7 +287,7 @@ def with_clock(information: "Information") -> "Information":
     plain = size[:-1, None] * mixed / size
     return replace(
         information,
-        coefficients=(*information.coefficients, Coefficient("clock", "clock", "1", plausible)),
+        coefficients=(*information.coefficients, ScannedCoefficient("clock", "clock", "1", plausible)),
         normal=mixed.T @ information.normal @ mixed,
         score=mixed.T @ information.score,
         sensitivity=information.sensitivity @ plain,

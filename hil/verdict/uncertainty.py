@@ -7,7 +7,7 @@ While a run lasts nobody has looked at its record as a whole; the scan that clos
 import math
 from typing import Any
 
-from estimator.uncertainty import Calibration, Course, variances
+from estimator.uncertainty import Calibration, SinceZero, variances
 from hil.bench import Bench
 
 Number = Any  # a float, or an array (n,)
@@ -33,10 +33,10 @@ class Sources:
 
     def course(
         self, seconds: Number, rotation: Number, forced: Number, stiffness_xy: Number, damping: tuple[Number, ...]
-    ) -> Course:
+    ) -> SinceZero:
         """What happened since the angle was zero; without control no force turned anything."""
         xx, yy, xy = (self._driven * each for each in damping)
-        return Course(
+        return SinceZero(
             seconds=seconds,
             rotation=rotation,
             forced=self._driven * forced,
@@ -45,7 +45,7 @@ class Sources:
             angular_gain=self._angular_gain,
         )
 
-    def variances(self, deviation: Number, course: Course) -> dict[str, Number]:
+    def variances(self, deviation: Number, course: SinceZero) -> dict[str, Number]:
         """Variance [rad²] of the angle by each source; deviation [rad]: that by estimation."""
         found = {ESTIMATION: deviation**2}
         found |= {source_of(name): variance for name, variance in variances(self._calibration, course).items()}

@@ -19,8 +19,8 @@ from estimator.completeness.closing import (
     price,
     require_scannable,
 )
-from estimator.completeness.constants import constants_of, off, shares
-from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.constants import calibrated_effects, off, shares
+from estimator.completeness.information import Information, ScannedCoefficient
 from estimator.completeness.lacking import HARMLESS, angle_of
 from estimator.completeness.scores import Scores
 from estimator.completeness.stretch import Stretch
@@ -271,13 +271,13 @@ def test_shares_add_up_to_the_whole_where_one_part_takes_from_another() -> None:
 def test_the_constants_are_the_effects_of_which_every_coefficient_is_declared() -> None:
     declared = {"hx": 0.01, "hy": 0.02, "gy": 0.005, "mx": 0.1, "clock": 1e-5, "ex": 0.1, "ey": 0.0}
     names = ["cubic_stiffness", "drive_gain", "drive_misalignment", "sense_gain", "sense_cross_coupling"]
-    assert constants_of(declared, names, DEVICE) == ("drive_gain", "sense_gain")
+    assert calibrated_effects(declared, names, DEVICE) == ("drive_gain", "sense_gain")
 
 
 def told_of(score: list[float], normal: list[float]) -> Information:
     """Of gains, each told by itself."""
-    of = (Coefficient("drive_gain", "hx", "1", 1.0), Coefficient("drive_gain", "hy", "1", 1.0))
-    of = (*of, Coefficient("sense_gain", "gy", "1", 1.0))
+    of = (ScannedCoefficient("drive_gain", "hx", "1", 1.0), ScannedCoefficient("drive_gain", "hy", "1", 1.0))
+    of = (*of, ScannedCoefficient("sense_gain", "gy", "1", 1.0))
     return Information(
         of, np.diag(normal), np.array(score), np.array([0.0, 1.0]), np.array([[0.0] * 3, [1.0, 0.0, 2.0]])
     )

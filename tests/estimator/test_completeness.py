@@ -14,7 +14,7 @@ from scipy.stats import chi2, multivariate_normal
 from benchmarks.lockstep import Bench, ClosedLoop, Scenario, bench_of, close_loop, scenario_of
 from estimator.completeness.answer import Completeness, Outcome
 from estimator.completeness.closing import Limits, closing_scan, turning_of
-from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.information import Information, ScannedCoefficient
 from estimator.completeness.scan import COURSE, PARTS, scan
 from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
@@ -275,7 +275,7 @@ def information(k: int, seed: int) -> tuple[Information, np.ndarray, np.ndarray]
     """Of a linear model y = A c + noise of deviation 1 with k coefficients; A (n, k) and the data behind."""
     random = np.random.default_rng(seed)
     a, data = random.standard_normal((50, k)), random.standard_normal(50)
-    coefficients = tuple(Coefficient(f"effect{i // 2}", f"c{i}", "1", 1.0) for i in range(k))
+    coefficients = tuple(ScannedCoefficient(f"effect{i // 2}", f"c{i}", "1", 1.0) for i in range(k))
     # An innovation loses what is carried: its sensitivity is −A, the data its value.
     found = Information(coefficients, a.T @ a, -a.T @ data, np.arange(3.0), random.standard_normal((3, k)))
     return found, a, data
@@ -397,7 +397,7 @@ def test_what_nobody_declared_is_a_mean_over_what_may_be_there() -> None:
 
 def test_what_the_record_excludes_counts_less_than_what_it_says_nothing_of() -> None:
     """One effect, to which the angle is as sensitive; records that say more and more, and none of it for the effect."""
-    of = [Coefficient("effect0", "c0", "1", 1.0)]
+    of = [ScannedCoefficient("effect0", "c0", "1", 1.0)]
     rows = []
     for information_on_it in (0.0, 1e2, 1e4, 1e8):
         normal = np.array([[information_on_it]])
@@ -412,6 +412,6 @@ def test_what_the_score_test_suggests_counts_nearly_whole() -> None:
     """Five deviations from nothing, which chance gives once in two million: its posterior, mean and all."""
     normal, score = np.array([[1e4]]), np.array([-5.0 * 1e2])
     told = Information(
-        (Coefficient("effect0", "c0", "1", 1.0),), normal, score, np.arange(2.0), np.array([[0.0], [1.0]])
+        (ScannedCoefficient("effect0", "c0", "1", 1.0),), normal, score, np.arange(2.0), np.array([[0.0], [1.0]])
     )
     assert float(told.beyond({})[1][-1]) == pytest.approx(0.05, rel=0.05)

@@ -9,13 +9,13 @@ import pytest
 
 from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from device_emulator.scenario import Scenario
-from estimator.uncertainty import CONSTANTS, Calibration, Course, sensitivities, total_variance
+from estimator.uncertainty import CONSTANTS, Calibration, SinceZero, sensitivities, total_variance
 
 SECONDS, SETTLE_S, RATE = 12.0, 6.0, 1.0
 VIRTUAL = 3.0
 
 
-def drift(effects: list[dict[str, object]], **faults: float) -> tuple[float, Course]:
+def drift(effects: list[dict[str, object]], **faults: float) -> tuple[float, SinceZero]:
     """Rate [rad/s] at which the reported angle leaves the true one, and the course of what turned it."""
     table = scenario_of("s-slow", rate={"kind": "constant", "rate_rad_s": RATE}).model_dump()
     table["effect"] = effects
@@ -27,7 +27,7 @@ def drift(effects: list[dict[str, object]], **faults: float) -> tuple[float, Cou
     scored = t >= SETTLE_S
     error = (run.estimates["angle_rad"] - run.at("angle_rad"))[scored]
     mass = scenario.truth.mass_kg
-    course = Course(
+    course = SinceZero(
         seconds=1.0,
         rotation=RATE,
         forced=VIRTUAL,
@@ -90,7 +90,7 @@ def test_an_equal_delay_of_both_drives_turns_nothing() -> None:
 
 
 def test_variances_add_up_and_scale() -> None:
-    course = Course(10.0, 5.0, 30.0, 1.5e4, (1.2, 1.4, 0.05), angular_gain=0.8)
+    course = SinceZero(10.0, 5.0, 30.0, 1.5e4, (1.2, 1.4, 0.05), angular_gain=0.8)
     every = Calibration(**dict.fromkeys(CONSTANTS, 1e-3))
     alone = [Calibration(**{name: 1e-3}) for name in CONSTANTS]
     assert total_variance(every, course) == pytest.approx(sum(total_variance(one, course) for one in alone))
@@ -99,5 +99,5 @@ def test_variances_add_up_and_scale() -> None:
 
 
 def test_at_the_reference_instant_nothing_is_uncertain() -> None:
-    course = Course(0.0, 0.0, 0.0, 1.5e4, (1.2, 1.4, 0.05))
+    course = SinceZero(0.0, 0.0, 0.0, 1.5e4, (1.2, 1.4, 0.05))
     assert total_variance(Calibration(**dict.fromkeys(CONSTANTS, 0.1)), course) == 0.0

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from hil.records.methods import MethodRow, Methods
 from hil.report.inline_svg import inline_svg
-from hil.report.methods import Line, _apart, draw, table
+from hil.report.methods import Line, _apart, angle_error_figure, table
 from hil.report.theme import drawing_style
 
 FOUND = Methods(record="r", bench="b", seconds=10.0, window_s=(2.0, 10.0), reference="truth", rows=(), remarks=())
@@ -42,7 +42,7 @@ def test_every_name_is_on_the_page_where_errors_are_large() -> None:
     t = np.linspace(0.0, 10.0, 400)
     lines = [Line(f"method {k}", "observer", t, 1e-3 + 10.0**k * np.exp(t)) for k in (2, 2, 2, 2, 2, 2, 1, -3)]
     with drawing_style():
-        drawing = draw(FOUND, lines)
+        drawing = angle_error_figure(FOUND, lines)
         assert drawing is not None
         svg = inline_svg(drawing.figure, "f", "t", "a")
     _, _, width, height = map(float, re.search(r'viewBox="([^"]+)"', svg).group(1).split())

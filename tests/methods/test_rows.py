@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-from hil.comparing.course import Course, Judge, Reference
+from hil.comparing.course import Judge, MethodCourse, Reference
 
 TICK = np.arange(1000)
 TRUE = Reference("truth", TICK, 1e-2 * TICK, np.ones(1000), {"kxx": 10.0, "kyy": 10.0, "kxy": 0.0})
 JUDGE = Judge(100.0, 5.0, 10.0)
 
 
-def course(error: np.ndarray, **changes: object) -> Course:
-    return Course("a method", "observer", TICK, 1e-2 * TICK + error, **changes)
+def course(error: np.ndarray, **changes: object) -> MethodCourse:
+    return MethodCourse("a method", "observer", TICK, 1e-2 * TICK + error, **changes)
 
 
 def test_figures_of_a_row_by_hand() -> None:

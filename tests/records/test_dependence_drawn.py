@@ -23,6 +23,6 @@ def test_of_a_short_record_too_what_has_a_shape_is_drawn(points: int) -> None:
         device=SimpleNamespace(sense_unit="V"),
         changed=False,
     )
-    drawing = dependence.draw(material)
+    drawing = dependence.dependence_figure(material)
     assert drawing is not None
     assert "part across the ellipse" in drawing.caption

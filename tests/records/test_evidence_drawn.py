@@ -27,7 +27,7 @@ def drawn(*rejected: Rejected, named: bool = True) -> Drawing | None:
     effects = [SimpleNamespace(name="cubic_stiffness", evidence=1.6e8)] if named else []
     found: Any = SimpleNamespace(found=SimpleNamespace(effects=effects, rejected=rejected))
     with drawing_style():
-        return evidence.draw(found)
+        return evidence.evidence_figure(found)
 
 
 def bars(drawing: Drawing) -> dict[str, tuple[float, str, str | None]]:
@@ -95,7 +95,7 @@ def test_the_figure_of_a_notebook_tells_them_apart_too() -> None:
         for one in (CARRIED, PROMISED)
     ]
     known = Diagnosis.model_validate(found.model_dump(by_alias=True) | {"rejected": written})
-    _, axes = trace_figure.draw(known).axes
+    _, axes = trace_figure.trace_figure(known).axes
     assert [bar.get_hatch() is None for bar in rectangles(axes)] == [True, True, False]
     assert sorted(bar.get_width() for bar in rectangles(axes)) == [7000.0, 1.6e5, 1.527e8]
     shown = axes.get_legend()

@@ -12,8 +12,7 @@ import pytest
 
 from hil.records.innovation import WIDE, Innovation, steady, stretches, usual_sd_V
 from hil.records.summary import innovation_rms, predicted_rms
-from hil.report.figures import spectrum
-from hil.report.figures.spectrum import amplitude_density_of
+from hil.report.figures.spectrum import amplitude_density_of, innovation_spectrum_figure
 
 RATE_HZ, NOISE_V, ROWS = 4000.0, 90e-6, 40_000
 GAPS = ((12_000, 2_000), (25_000, 2_000))
@@ -74,7 +73,7 @@ def test_no_segment_lies_across_a_gap() -> None:
 def drawn(found: Innovation) -> str:
     """The figure's words."""
     material = SimpleNamespace(innovation=found, scored_innovation=lambda innovation: innovation, resonance_Hz=LINE_HZ)
-    drawing = spectrum.draw(material)  # type: ignore[arg-type]
+    drawing = innovation_spectrum_figure(material)  # type: ignore[arg-type]
     assert drawing is not None
     return drawing.caption
 

@@ -12,7 +12,7 @@ from hil.report.theme import drawing_style
 
 def drawn(**coefficients: Interval):
     with drawing_style():
-        return intervals.draw(
+        return intervals.intervals_figure(
             SimpleNamespace(found=SimpleNamespace(effects=[SimpleNamespace(coefficients=coefficients)]))
         )
 

@@ -9,10 +9,10 @@ import pytest
 from estimator.settings import ObserverSettings
 from hil.records.diagnosis import to_model
 from hil.records.runfolder import RunFolder
-from hil.report.diagnosis import prediction as of_trace
 from hil.report.diagnosis.material import Material as Traced
-from hil.report.figures import prediction
+from hil.report.diagnosis.prediction import held_out_figure
 from hil.report.figures.drawing import Drawing
+from hil.report.figures.prediction import prediction_figure
 from hil.report.inline_svg import inline_svg
 from hil.report.material import Material
 from hil.report.theme import drawing_style
@@ -29,7 +29,7 @@ def traced(**changed: object) -> Traced:
 
 def drawn(material: Traced) -> Drawing:
     with drawing_style():
-        found = of_trace.draw(material)
+        found = held_out_figure(material)
         assert found is not None
         inline_svg(found.figure, "k", found.title, found.alt)  # a warning of Matplotlib's is an error here
     return found
@@ -77,7 +77,7 @@ def test_what_was_traced_by_the_free_run_is_measured_against_that() -> None:
 
 def test_nothing_is_drawn_of_what_was_lost() -> None:
     with drawing_style():
-        assert of_trace.draw(traced(free_run=(np.full((9, 2), np.nan),) * 2)) is None
+        assert held_out_figure(traced(free_run=(np.full((9, 2), np.nan),) * 2)) is None
 
 
 @pytest.mark.moderate
@@ -86,7 +86,7 @@ def test_the_end_of_a_run(tmp_path: Path) -> None:
     write_run(folder, Options())
     material = Material(RunFolder.open(folder))
     with drawing_style():
-        found = prediction.draw(material)
+        found = prediction_figure(material)
     assert found is not None
     above, _, _, _ = found.figure.axes
     measured, predicted = (np.asarray(line.get_ydata()) for line in above.get_lines())

@@ -322,7 +322,7 @@ def test_the_pattern_of_a_mass_that_rests_is_a_point_and_drawn_without_a_warning
     resting = dict.fromkeys(("x_m", "vx_mps", "y_m", "vy_mps"), np.zeros(800))
     material.estimates = replace(material.estimates, columns={**material.estimates.columns, **resting})
     with drawing_style():
-        assert pattern.draw(material) is not None
+        assert pattern.pattern_figure(material) is not None
 
 
 @pytest.mark.long

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.calibration import calibration, draw, most_probable
+from benchmarks.calibration import calibration, most_probable, write_reliability_diagram
 from evaluation.undeclared.judging import judge
 from evaluation.undeclared.summary import summarise
 from tests.undeclared.test_judging import BACKLASH, CUBIC, GAIN, said, truth
@@ -86,5 +86,5 @@ def test_the_campaign_counts_and_draws_them(tmp_path: Path) -> None:
     both = summarise([*judged, judge(truth("calm", GAIN), answer)])
     for kind, number, error in (("", 3, 1 / 12), ("_excited", 2, 0.25), ("_calm", 1, 0.25)):
         assert (both[f"calibration{kind}"]["n"], both[f"calibration{kind}"]["error"]) == (number, pytest.approx(error))
-    draw(tmp_path / "c.svg", calibration([(0.75, True), (0.75, False)]), "two")
+    write_reliability_diagram(tmp_path / "c.svg", calibration([(0.75, True), (0.75, False)]), "two")
     assert "2 statements, expected calibration error 0.250" in (tmp_path / "c.svg").read_text(encoding="utf-8")

@@ -10,7 +10,7 @@ from device_emulator.effects.catalogue import DECLARATIONS
 from evaluation.undeclared.device import draw_device
 from evaluation.undeclared.effects import BEYOND, DRAWABLE, EFFECTS
 from evaluation.undeclared.population import SHARES, Order, kinds, population
-from evaluation.undeclared.record import draw, make, recorded
+from evaluation.undeclared.record import draw_record, make, recorded
 from hil.bench import load_bench
 from hil.records.capture import read_capture
 
@@ -104,7 +104,7 @@ def test_calm_records_have_neither_dither_nor_modulation(tmp_path: Path) -> None
 def test_a_device_that_passes_its_converter_is_drawn_again(tmp_path: Path) -> None:
     """A cubic sense and interference that are together beyond the range: the record of draw 91 that was refused."""
     order = Order("double", ("sense_cubic", "interference"), 0, 91)
-    first = recorded(draw(order, 3000), order, 3000)
+    first = recorded(draw_record(order, 3000), order, 3000)
     assert np.count_nonzero(first.capture[:, 5] & 2) > 0
     truth = json.loads((make(order, tmp_path, 3000) / "truth.json").read_text())
     assert truth["drawn_before"] >= 1

@@ -27,7 +27,7 @@ NOISE_RAD_S = 2e-3
 def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, float]:
     """The record without a reference, and the rate at which the emulated device was turned."""
     order = Order("fixed", ("drive_gain",), 0, calm.DRAW)
-    drawn = calm.draw(order)
+    drawn = calm.draw_single_tone_record(order)
     place = tmp_path_factory.mktemp("calm") / order.name
     keep(drawn, recorded(drawn, order, SAMPLES), order, place)
     bench, capture = load_bench(place / "bench.toml"), read_capture(place / "capture.arrow")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.information import Information, ScannedCoefficient
 from hil.bench import Bench, override
 from hil.numbers import quantity
 from hil.records.estimates import Estimates
@@ -162,9 +162,9 @@ def information(**found: Any) -> Information:
     much as that 1 is a plausible size of it: 1 / √2 is left. One of it moves the angle by 0.2 rad.
     """
     coefficients = (
-        Coefficient("drive_gain", "hx", "1", 0.05),
-        Coefficient("drive_gain", "hy", "1", 0.05),
-        Coefficient("damper: cubic", "c", "1", 1.0),
+        ScannedCoefficient("drive_gain", "hx", "1", 0.05),
+        ScannedCoefficient("drive_gain", "hy", "1", 0.05),
+        ScannedCoefficient("damper: cubic", "c", "1", 1.0),
     )
     sensitivity = np.array([[0, 0, 0], [12.0, 12.0, 0.2]])
     return Information(coefficients, np.diag([0.0, 0.0, 1.0]), np.zeros(3), np.array([0.0, 1.0]), sensitivity, **found)
@@ -201,7 +201,7 @@ def test_a_constant_of_which_the_scan_watched_one_axis_only_has_its_closed_form(
     watched = information()
     coefficients = (
         watched.coefficients[0],
-        *(Coefficient("drive_misalignment", name, "1", 0.05) for name in ("mx", "my")),
+        *(ScannedCoefficient("drive_misalignment", name, "1", 0.05) for name in ("mx", "my")),
     )
     half = Information(coefficients, np.zeros((3, 3)), np.zeros(3), np.array([0.0, 1.0]), watched.sensitivity)
     declared = bench({"drive_gain_u": 0.01, "drive_misalignment_u": 0.01})

@@ -19,7 +19,7 @@ _FEWEST = 5  # points to a bin
 _VARIES = 0.02  # of the amplitude: below it there is nothing to show it against
 
 
-def draw(material: Material) -> Drawing | None:
+def dependence_figure(material: Material) -> Drawing | None:
     """The component with the most shape before, a point per four cycles, with means of bins, and the same after."""
     before = material.demodulated(material.found.residual_before)
     after = material.demodulated(material.found.residual_after)

@@ -15,13 +15,13 @@ from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, span_time, stack
 def write_envelope_report(folder: Path, envelope: Envelope, found: traced.Diagnosis, diagnosis: Diagnosis) -> Path:
     """Write `folder/report.html`, whole or not at all, and return its path."""
     figures = Figures()
-    pictures = Pictures(error=figures.add(lambda: draw(envelope, found, diagnosis.sense_unit)))
+    pictures = Pictures(error=figures.add(lambda: envelope_figure(envelope, found, diagnosis.sense_unit)))
     seconds = f"{significant(float(envelope.time[-1]))} s"
     record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {count(diagnosis.split)} of them fitted")
     return write_page(folder, diagnosis, pictures, record, seconds, declarable=False)
 
 
-def draw(envelope: Envelope, found: traced.Diagnosis, unit: str) -> Drawing:
+def envelope_figure(envelope: Envelope, found: traced.Diagnosis, unit: str) -> Drawing:
     """Amplitude and models above, what they leave below."""
     figure, (above, below) = stacked(3.6, (1.6, 1.0))
     drawn = [(found.residual_before.innovation[:, 0], FIRST, "linear damping")]

@@ -34,7 +34,7 @@ class _Bar(NamedTuple):
     group: str
 
 
-def draw(material: Material) -> Drawing | None:
+def evidence_figure(material: Material) -> Drawing | None:
     """Horizontal bars of the gain in log-likelihood, in groups: the gain of a fitted model is no predicted gain."""
     bars = _bars(material.found)[:_MOST]
     if len(bars) < 2:

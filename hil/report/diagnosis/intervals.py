@@ -15,7 +15,7 @@ _WIDEST = 5.0
 """Of the estimate: half an interval beside which the others still show, unlike that of a start that has waned."""
 
 
-def draw(material: Material) -> Drawing | None:
+def intervals_figure(material: Material) -> Drawing | None:
     """Every coefficient that is known at all over its own estimate, so that all share one scale; none where no interval
     could be seen on it.  The table has the figures of all.
     """

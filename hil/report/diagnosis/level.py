@@ -10,7 +10,7 @@ from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, new_figure, plai
 _WINDOWS = 240
 
 
-def draw(material: Material) -> Drawing | None:
+def residual_level_figure(material: Material) -> Drawing | None:
     """rms over short windows, all axes together, on a logarithmic scale; the part held out is shaded."""
     found = material.found
     samples = len(found.residual_before.innovation)

@@ -14,19 +14,15 @@ from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
 from hil.report import markup
-from hil.report.diagnosis import (
-    dependence,
-    evidence,
-    force_table,
-    intervals,
-    level,
-    missing_force,
-    prediction,
-    spectrum,
-    tables,
-)
+from hil.report.diagnosis import force_table, missing_force, tables
+from hil.report.diagnosis.dependence import dependence_figure
 from hil.report.diagnosis.equations import typeset
+from hil.report.diagnosis.evidence import evidence_figure
+from hil.report.diagnosis.intervals import intervals_figure
+from hil.report.diagnosis.level import residual_level_figure
 from hil.report.diagnosis.material import Material
+from hil.report.diagnosis.prediction import held_out_figure
+from hil.report.diagnosis.spectrum import held_out_spectrum_figure
 from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures
 from hil.report.verdict import Headline
@@ -102,14 +98,14 @@ def render(material: Material, facts: Sequence[str] = (), command: str | None = 
     """The page as text; `facts` stand in a line below the title, `command` is what comes next."""
     figures = Figures()
     pictures = Pictures(
-        effect=figures.add(lambda: intervals.draw(material)),
-        error=figures.add(lambda: prediction.draw(material))
-        + figures.add(lambda: level.draw(material))
-        + figures.add(lambda: spectrum.draw(material)),
+        effect=figures.add(lambda: intervals_figure(material)),
+        error=figures.add(lambda: held_out_figure(material))
+        + figures.add(lambda: residual_level_figure(material))
+        + figures.add(lambda: held_out_spectrum_figure(material)),
         force=figures.add(lambda: missing_force.draw_fast(material))
         + figures.add(lambda: missing_force.draw_slow(material)),
-        residual=figures.add(lambda: dependence.draw(material)),
-        candidates=figures.add(lambda: evidence.draw(material)),
+        residual=figures.add(lambda: dependence_figure(material)),
+        candidates=figures.add(lambda: evidence_figure(material)),
     )
     diagnosis = material.diagnosis
     held_out = f"{significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % held out"

@@ -4,11 +4,11 @@ import numpy as np
 
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.figures.prediction import Left, course, window
+from hil.report.figures.prediction import Left, prediction_panels, window
 from hil.report.theme import FIRST, SECOND
 
 
-def draw(material: Material) -> Drawing | None:
+def held_out_figure(material: Material) -> Drawing | None:
     """From its middle; of a single axis by the free run, with which such a record was traced."""
     found, record = material.found, material.record
     simulated = found.free_run
@@ -26,7 +26,7 @@ def draw(material: Material) -> Drawing | None:
     if material.changed:
         left = [Left(before[rows], SECOND, "before"), Left(after[rows], FIRST, "after")]
     whole = slice(found.split + first, found.split + first + size)
-    return course(
+    return prediction_panels(
         record.time[whole], record.sense[whole], left, where="A few cycles of the part held out",
         unit=material.device.sense_unit, ahead=simulated is None,
     )  # fmt: skip

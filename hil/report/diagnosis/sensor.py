@@ -17,13 +17,13 @@ from hil.report.theme import FIRST, INK, SECOND, legend, new_figure
 def write_sensor_report(folder: Path, found: traced.Diagnosis, diagnosis: Diagnosis, rate_rad_s: Array) -> Path:
     """Write `folder/report.html`, whole or not at all, and return its path. rate_rad_s (n,): the reference."""
     figures = Figures()
-    pictures = Pictures(error=figures.add(lambda: draw(found, rate_rad_s, diagnosis.sense_unit)))
+    pictures = Pictures(error=figures.add(lambda: sensor_residual_figure(found, rate_rad_s, diagnosis.sense_unit)))
     record = ("Record", count(diagnosis.samples), f"samples, {count(diagnosis.split)} of them fitted")
     length = counted(diagnosis.samples, "sample")
     return write_page(folder, diagnosis, pictures, record, length, declarable=False)
 
 
-def draw(found: traced.Diagnosis, rate_rad_s: Array, unit: str = "V") -> Drawing:
+def sensor_residual_figure(found: traced.Diagnosis, rate_rad_s: Array, unit: str = "V") -> Drawing:
     """What the model leaves of the output, in its unit, against the rate."""
     was, now = (one.innovation[:, 0] for one in (found.residual_before, found.residual_after))
     factor, named = unit_for(float(np.nanmax(np.abs(was))), unit)

@@ -10,7 +10,7 @@ from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, plain_log_ticks,
 _MOST = 9
 
 
-def draw(material: Material) -> Drawing | None:
+def held_out_spectrum_figure(material: Material) -> Drawing | None:
     """Amplitude density of the held-out part, a panel per axis, multiples of the resonance marked."""
     frequency, before, after = material.held_out_densities
     if len(frequency) < 8 or not (np.isfinite(before).all() and np.isfinite(after).all() and before.any()):

@@ -1,1 +1,1 @@
-"""One module per figure. Each has `draw(material)`: a `Drawing`, or None when the run has no data for it."""
+"""One module per figure, with a function of the run's material: a `Drawing`, or None where the run lacks its data."""

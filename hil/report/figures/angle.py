@@ -8,9 +8,9 @@ from hil.numbers import prefix_for, quantity, significant
 from hil.records.coverage import COVERAGE
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
-from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
+from hil.report.pixel_series import PixelSeries
 from hil.report.theme import BAD, FIRST, INK, MUTED, SECOND, fit_to, legend, span_time, stacked, trace
 
 _RIVAL_SHOWN_WITHIN = 4.0
@@ -30,7 +30,7 @@ _INTEGRATED = _Curve("integrated rate ∫Ω dt", "angle_rate_integral_rad", SECO
 _PLAIN = _Curve("plain formula (11)", "angle_plain_rad", MUTED)
 
 
-def draw(material: Material) -> Drawing | None:
+def angle_figure(material: Material) -> Drawing | None:
     """Reported angle φ, its reference, and their difference; without a reference, φ beside its two rivals."""
     estimates, reference = material.estimates, material.reference
     if estimates is None or "angle_rad" not in estimates:
@@ -90,7 +90,7 @@ def _series(material: Material, part: Estimates) -> list[Floats]:
     return [angle, angle - half, angle + half, np.where(part.valid, 0.0, 1.0), half]
 
 
-def _differences(material: Material, curves: tuple[_Curve, ...]) -> Course:
+def _differences(material: Material, curves: tuple[_Curve, ...]) -> PixelSeries:
     """Differences of some curves in rad, zero where scoring starts, and behind them the reference itself, put where
     the reported angle is there."""
 

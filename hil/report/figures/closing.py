@@ -4,13 +4,13 @@ import numpy as np
 
 from hil.numbers import prefix_for, quantity, significant
 from hil.records.rate_reference import Compared
-from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
+from hil.report.pixel_series import PixelSeries
 from hil.report.theme import FIRST, INK, SECOND, fit_to, span_time, stacked, trace
 
 
-def draw(material: Material) -> Drawing | None:
+def closing_figure(material: Material) -> Drawing | None:
     """Error of the reported angle of the earlier run above, of this one below, each on its own scale."""
     if material.earlier is None:
         return None
@@ -36,7 +36,7 @@ def draw(material: Material) -> Drawing | None:
     return Drawing(figure, "Angle error before and after", caption, caption)
 
 
-def _error(material: Material) -> tuple[Course, tuple[float, float]] | None:
+def _error(material: Material) -> tuple[PixelSeries, tuple[float, float]] | None:
     """The angle's error in rad, zero where scoring begins, and from when to when it is scored."""
     estimates, reference = material.estimates, material.reference
     if estimates is None or reference is None or "angle_rad" not in estimates:

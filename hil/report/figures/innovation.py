@@ -6,13 +6,13 @@ import numpy as np
 
 from hil.numbers import percent, sensed, unit_for
 from hil.records.summary import SD_95
-from hil.report.course import course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
+from hil.report.pixel_series import pixel_series
 from hil.report.theme import AXIS_COLOURS, INK, fit_to, span_time, stacked
 
 
-def draw(material: Material) -> Drawing | None:
+def innovation_figure(material: Material) -> Drawing | None:
     """Envelope of the innovation, a panel per axis, with ± 1.96 predicted standard deviations."""
     innovation = material.innovation
     if innovation is None:
@@ -26,7 +26,7 @@ def draw(material: Material) -> Drawing | None:
 
     last = len(innovation) - 1
     span = float(innovation.part(0, 1).t_s[0]), float(innovation.part(last, last + 1).t_s[0])
-    drawn = course(parts(), span, len(innovation), material.settle_s)
+    drawn = pixel_series(parts(), span, len(innovation), material.settle_s)
     held = drawn.held
     factor, unit = unit_for(max(held.size(axis) for axis in range(axes)), innovation.unit)
     figure, panels = stacked(0.6 + 1.25 * axes, (1.0,) * axes)

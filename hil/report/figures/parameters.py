@@ -10,10 +10,10 @@ from hil.numbers import in_thousands, plus_minus, prefix_for
 from hil.records.estimates import Estimates
 from hil.records.summary import SD_95
 from hil.records.units import symbol_of
-from hil.report.course import Course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.names import rank, shown, shown_unit
+from hil.report.pixel_series import PixelSeries
 from hil.report.theme import FIRST, INK, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ class _Panel(NamedTuple):
     """Course of a constant in `factor` times `unit`, and what zero means."""
 
     title: str
-    drawn: Course
+    drawn: PixelSeries
     factor: float
     unit: str
     zero: str | None
@@ -38,7 +38,7 @@ class _Panel(NamedTuple):
     """Deviation and half of its band at the end"""
 
 
-def draw(material: Material) -> Drawing | None:
+def parameters_figure(material: Material) -> Drawing | None:
     """A small panel per constant; the last one's scale is set by the scored window."""
     estimates = material.estimates
     if estimates is None:

@@ -6,9 +6,9 @@ import numpy as np
 
 from hil.numbers import prefix_for, relative
 from hil.records.estimates import Estimates
-from hil.report.course import DRAWABLE
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
+from hil.report.pixel_series import DRAWABLE
 from hil.report.theme import FIRST, INK, MUTED, SECOND, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:
@@ -18,7 +18,7 @@ _ELLIPSES = 13
 _PLANE = ("x_m", "vx_mps", "y_m", "vy_mps")
 
 
-def draw(material: Material) -> Drawing | None:
+def pattern_figure(material: Material) -> Drawing | None:
     """Ellipses at a few instants of the scored window; the later, the darker."""
     estimates, stiffness = material.estimates, material.stiffness_per_s2
     if estimates is None or stiffness is None or not all(name in estimates for name in _PLANE):

@@ -23,7 +23,7 @@ class Left:
     name: str
 
 
-def draw(material: Material) -> Drawing | None:
+def prediction_figure(material: Material) -> Drawing | None:
     """The last cycles of the run, predicted a sample ahead by the observer that ran in the loop."""
     capture, innovation, resonance = material.capture, material.innovation, material.resonance_Hz
     if capture is None or innovation is None or resonance is None:
@@ -35,7 +35,7 @@ def draw(material: Material) -> Drawing | None:
     if ours.size < _FEWEST:
         return None
     left = [Left(last.nu_V[theirs], FIRST, "predicted")]
-    return course(
+    return prediction_panels(
         measured.t_s[ours], measured.sense_V[ours], left, where="The end of the run", unit=innovation.unit, ahead=True
     )  # fmt: skip
 
@@ -45,7 +45,7 @@ def window(cycle: float) -> int:
     return int(np.clip(round(_CYCLES * cycle), _FEWEST, _MOST))
 
 
-def course(
+def prediction_panels(
     t_s: Floats, measured: Floats, left: Sequence[Left], *, where: str, unit: str, ahead: bool
 ) -> Drawing | None:
     """Measured (n, axes) and models of it over t_s (n,) above, what each leaves below; a column per axis.

@@ -9,9 +9,9 @@ from hil.numbers import percent, prefix_for, quantity
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
 from hil.records.summary import SD_95
-from hil.report.course import Course, spread
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material, Reference
+from hil.report.pixel_series import PixelSeries, spread
 from hil.report.theme import FIRST, INK, fit_to, legend, span_time, stacked, trace
 
 if TYPE_CHECKING:
@@ -23,7 +23,7 @@ _RATE, _LOWER, _UPPER = range(3)
 _ERROR, _HALF, _INSIDE, _TRUE = range(4)
 
 
-def draw(material: Material) -> Drawing | None:
+def rate_figure(material: Material) -> Drawing | None:
     """Estimated rate beside its reference; below, their difference in the band the observer claims."""
     estimates, reference = material.estimates, material.reference
     if estimates is None or "rate_rad_s" not in estimates:
@@ -64,7 +64,7 @@ def _errors(part: Compared) -> list[Floats]:
     return [error, half, (np.abs(error) <= half).astype(float), part.rate_rad_s]
 
 
-def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: Course) -> str:
+def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: PixelSeries) -> str:
     """The error in rad/s, and its claimed half width; returns the caption."""
     held = beside.held
 

@@ -6,15 +6,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from hil.numbers import prefix_for, significant, unit_for
-from hil.report.course import course
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
+from hil.report.pixel_series import pixel_series
 from hil.report.theme import AXIS_COLOURS, new_figure, span_time
 
 _DRIVE_UNITS = {"mps2": "m/s²", "N": "N", "V": "V"}
 
 
-def draw(material: Material) -> Drawing | None:
+def signals_figure(material: Material) -> Drawing | None:
     """Smallest and largest value in each column of pixels, per axis."""
     capture = material.capture
     if capture is None:
@@ -30,7 +30,7 @@ def draw(material: Material) -> Drawing | None:
 
     last = len(capture) - 1
     span = float(capture.part(0, 1).t_s[0]), float(capture.part(last, last + 1).t_s[0])
-    drawn = course(parts(), span, len(capture), -math.inf, 700 // capture.axes)
+    drawn = pixel_series(parts(), span, len(capture), -math.inf, 700 // capture.axes)
     words = []
     for row, (panels, (name, unit)) in enumerate(zip(grid, names, strict=True)):
         columns = range(row * capture.axes, (row + 1) * capture.axes)

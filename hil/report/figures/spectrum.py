@@ -19,7 +19,7 @@ _MOST_LINES = 8
 _STANDS_OUT = 2.0
 
 
-def draw(material: Material) -> Drawing | None:
+def innovation_spectrum_figure(material: Material) -> Drawing | None:
     """Amplitude spectral density by Welch's method, with the noise floor and multiples of the resonance."""
     innovation = material.innovation
     if innovation is None:

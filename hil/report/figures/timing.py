@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 
-def draw(material: Material) -> Drawing | None:
+def turnaround_figure(material: Material) -> Drawing | None:
     """Histogram of the turnaround, with percentiles, the deadline, and a bare answer's percentiles if
     known."""
     timing = material.timing

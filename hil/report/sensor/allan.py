@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from estimator.rate_sensor.noise import Noise
 
 
-def draw(material: SensorMaterial) -> Drawing | None:
+def allan_figure(material: SensorMaterial) -> Drawing | None:
     """On logarithmic scales; the band is the 95 % interval, points with fewer than ten clusters are hollow."""
     curves = {axis: found for axis, found in material.noise.items() if _drawable(found)}
     if not curves:

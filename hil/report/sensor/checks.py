@@ -73,7 +73,7 @@ def checks(material: SensorMaterial) -> list[Check]:
     return found
 
 
-def draw(material: SensorMaterial) -> str:
+def checks_table(material: SensorMaterial) -> str:
     """The checks as a table."""
     rows = [(check.what, check.found, check.limit, _word(check.kept)) for check in checks(material)]
     return table("What the record was checked for", ("check", "found", "limit", "kept"), rows)

@@ -8,8 +8,12 @@ from hil.records.runfolder import RunFolder
 from hil.report import markup
 from hil.report.facts import facts
 from hil.report.numbering import Figures
-from hil.report.sensor import allan, checks, rate, spectrum, tables, words
+from hil.report.sensor import tables, words
+from hil.report.sensor.allan import allan_figure
+from hil.report.sensor.checks import checks_table
 from hil.report.sensor.material import SensorMaterial
+from hil.report.sensor.rate import sensor_rate_figure
+from hil.report.sensor.spectrum import rate_density_figure
 from hil.report.tables import provenance
 from hil.report.verdict import Headline, headline
 
@@ -33,16 +37,18 @@ def render(material: SensorMaterial) -> str:
         markup.section(
             "recorded", "What was recorded", markup.paragraph(words.recorded(material)), tables.axes(material)
         ),
-        markup.section("checks", "Checks", remarks, checks.draw(material)),
-        markup.section("rate", "Rate", _paragraph(words.moved(material)), figures.add(lambda: rate.draw(material))),
+        markup.section("checks", "Checks", remarks, checks_table(material)),
+        markup.section(
+            "rate", "Rate", _paragraph(words.moved(material)), figures.add(lambda: sensor_rate_figure(material))
+        ),
         markup.section(
             "noise",
             "Noise",
             *(markup.paragraph(said) for said in words.noise(material)),
-            figures.add(lambda: allan.draw(material)),
+            figures.add(lambda: allan_figure(material)),
             tables.noise(material),
             markup.paragraph(words.METHOD + _missing(material)),
-            figures.add(lambda: spectrum.draw(material)),
+            figures.add(lambda: rate_density_figure(material)),
         ),
         markup.section("run", "Record", provenance(material.run)),
     ]

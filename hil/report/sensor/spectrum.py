@@ -14,7 +14,7 @@ from hil.report.theme import FIRST, INK, plain_log_ticks
 _SHORTEST = 256
 
 
-def draw(material: SensorMaterial) -> Drawing | None:
+def rate_density_figure(material: SensorMaterial) -> Drawing | None:
     """Amplitude density by Welch's method, with what the angle random walk says it should be: √2 N, one-sided."""
     rows = material.unbroken
     if rows.stop - rows.start < _SHORTEST:

@@ -41,7 +41,7 @@ class Held(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Course:
+class PixelSeries:
     """Series by columns of pixels: time (m,), smallest and largest (m, k); of several together their time (p,)
     and mean (p, k).
 
@@ -66,7 +66,9 @@ class Course:
         return self.t_s, self.low[:, lower] * factor, self.high[:, upper] * factor
 
 
-def course(parts: Parts, span_s: tuple[float, float], rows: int, since_s: float, columns: int = COLUMNS) -> Course:
+def pixel_series(
+    parts: Parts, span_s: tuple[float, float], rows: int, since_s: float, columns: int = COLUMNS
+) -> PixelSeries:
     """The course of series that come in parts.
 
     Args:
@@ -88,10 +90,10 @@ def course(parts: Parts, span_s: tuple[float, float], rows: int, since_s: float,
                 fine.add(t, shown)
         held = scored.held if scored.count else every.held
         if fine is not None:
-            return Course(*fine.extremes(), *fine.means(), True, held)
+            return PixelSeries(*fine.extremes(), *fine.means(), True, held)
     at = np.concatenate([t for t, _ in single])
     points = np.concatenate([values for _, values in single])
-    return Course(at, points, points, at, points, False, held)
+    return PixelSeries(at, points, points, at, points, False, held)
 
 
 def zigzag(middle: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:

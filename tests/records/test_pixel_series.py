@@ -8,17 +8,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from hil.report.course import Course, course, first_since, spread
+from hil.report.pixel_series import PixelSeries, first_since, pixel_series, spread
 
 ROWS = 5000
 
 
-def of(values, cuts=(), since_s=-1.0, columns=90, rows=None) -> Course:
+def of(values, cuts=(), since_s=-1.0, columns=90, rows=None) -> PixelSeries:
     """The course of (n, k) values, a second apart, cut into parts before those rows."""
     t = np.arange(len(values), dtype=float)
     edges = [0, *sorted(cuts), len(values)]
     parts = [(t[a:b], values[a:b]) for a, b in pairwise(edges)]
-    return course(parts, (t[0], t[-1]), len(values) if rows is None else rows, since_s, columns)
+    return pixel_series(parts, (t[0], t[-1]), len(values) if rows is None else rows, since_s, columns)
 
 
 def noise(columns=2):
