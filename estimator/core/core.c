@@ -62,19 +62,25 @@ EXPORTED void estimator_tick(void *estimator, double vx, double vy, double ux, d
     estimator_step(estimator, vx, vy, ux, uy, codes);
 }
 
-/* The parts of it, for a caller in C that has another observer or controller in the place of one: the observer alone; the
-   sample's time and drive noted, with x (total,), scaled, the estimate of another observer, or NULL; the controller
-   alone; what another controller commands, with the virtual rotation in it, scaled. */
+/* The parts of it, for a caller in C that has another observer or controller in the place of one: the observer alone; a
+   drive that has acted, and the virtual rotation in it, scaled; a sample's time, with x (total,), scaled, the estimate of
+   another observer, or NULL; the controller alone; what another controller commands, with the virtual rotation in it. */
 EXPORTED void estimator_observe(void *estimator, double vx, double vy, double ux, double uy)
 {
     take_sample(estimator, vx, vy, ux, uy);
 }
 
-EXPORTED void estimator_follow(void *estimator, double ux, double uy, const double *x)
+EXPORTED double estimator_passed(void *estimator, double ux, double uy)
 {
     const Arrays *arrays = &((Estimator *)estimator)->arrays;
     const real u[2] = {ux * arrays->settings->quantum, uy * arrays->settings->quantum};
     advance_queue(arrays->settings, arrays->memory, u);
+    return arrays->memory->virtual_applied;
+}
+
+EXPORTED void estimator_follow(void *estimator, const double *x)
+{
+    const Arrays *arrays = &((Estimator *)estimator)->arrays;
     arrays->memory->time += arrays->settings->h;
     if (x != NULL)
         memcpy(arrays->x, x, (size_t)arrays->total * sizeof *x);

@@ -12,7 +12,14 @@ Like = Annotated[
     str | None,
     typer.Option("--like", help="Bench file or example that fills in what the board does not say."),
 ]
-Target = Annotated[Path, typer.Option("--out", "-o", help="Bench file to write.")]
+Target = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", help="File to write.  [default: my.bench.toml, or observer.py, controller.py]"),
+]
+PluginKind = Annotated[
+    str | None,
+    typer.Option("--plugin", help="Write a plug-in that runs as it is: observer or controller; in C with -o NAME.c."),
+]
 Device = Annotated[str | None, typer.Option("--name", help="Name of the device, in reports.")]
 Mass = Annotated[float | None, typer.Option("--mass", help="Proof mass, kg.")]
 Resonance = Annotated[float | None, typer.Option("--resonance", help="Mean of the two resonances, Hz.")]
@@ -43,7 +50,8 @@ def init(
     sense_gain: SenseGain = None,
     noise: Noise = None,
     full_scale: FullScale = None,
-    out: Target = Path("my.bench.toml"),
+    plugin: PluginKind = None,
+    out: Target = None,
     replace: Replace = False,
     json: Json = False,
 ) -> None:
@@ -60,6 +68,8 @@ def init(
       hil init --resonance 15000 --q 5000 --split 10 --mass 1e-8
       hil init --from-board --link serial:/dev/ttyACM0
       hil init --from-board --link pty:s-slow --like s-slow
+      hil init --plugin observer
+      hil init --plugin controller -o mine.c
     """
     from hil.bench import Bench, load_bench
     from hil.bench.examples import find
@@ -70,6 +80,10 @@ def init(
     from hil.records.atomic import write_text
     from hil.records.kind import fresh
 
+    if plugin is not None:
+        _write_plugin(plugin, out, replace=replace, as_json=json)
+        return
+    out = Path("my.bench.toml") if out is None else out
     if from_board != (link is not None):
         raise InputError("--from-board and --link belong together; give both or neither")
     fresh(out, replace=replace)
@@ -101,3 +115,26 @@ def init(
     say(f"{out}: written" + (f"; still to be filled in: {', '.join(open_keys)}" if open_keys else ""))
     if bench is not None:
         print_echo(bench, identity)
+
+
+def _write_plugin(kind: str, out: Path | None, *, replace: bool, as_json: bool) -> None:
+    """The template of a plug-in."""
+    from hil.cli.show import print_json, say
+    from hil.errors import InputError
+    from hil.plugins.finding import Kind
+    from hil.plugins.writing import write_template
+    from hil.records.kind import fresh
+
+    kinds: dict[str, Kind] = {"observer": "observer", "controller": "controller"}
+    if kind not in kinds:
+        raise InputError(f"--plugin {kind}: observer or controller")
+    target = Path(f"{kind}.py") if out is None else out
+    fresh(target, replace=replace)
+    written, name = write_template(kinds[kind], target)
+    if as_json:
+        print_json({"written": [str(path) for path in written], "plugin": name})
+        return
+    say(f"{', '.join(map(str, written))}: written")
+    if target.suffix == ".c":
+        say(f"  next: cc -O2 -shared -fPIC -o {target.with_suffix('.so')} {target} -lm")
+    say(f'  in the bench file: [{kind}] plugin = "{name}"')

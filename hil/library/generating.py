@@ -40,7 +40,7 @@ def generate(
     from hil.codegen.c_code import generate as write
 
     declared, place = (bench, "the bench") if isinstance(bench, Bench) else _loaded(bench)
-    identity = identity_at(link) if link is not None else _assumed(declared, latency, sense_scale, drive_scale)
+    identity = identity_at(link) if link is not None else assumed_board(declared, latency, sense_scale, drive_scale)
     return write(declared, place, identity, path_of("out", out), float32=float32, fmu=fmu)
 
 
@@ -49,7 +49,7 @@ def _loaded(name: Path | str) -> tuple[Bench, str]:
     return bench_at(found), found.name
 
 
-def _assumed(bench: Bench, latency: int, sense_scale: float | None, drive_scale: float | None) -> Identity:
+def assumed_board(bench: Bench, latency: int, sense_scale: float | None, drive_scale: float | None) -> Identity:
     """A board with converters of 16 bits, whose sense range is four amplitudes."""
     sense, full = bench.device.sense, 1 << (_BITS - 1)
     volts = 4.0 * bench.device.amplitude_m * max(abs(gain) for gain in sense.gain_V_per_m)

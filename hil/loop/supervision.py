@@ -185,15 +185,20 @@ class _Followed:
         if self._output in ready:
             data = os.read(self._output, 1 << 16)
             self._hear(data)
+            if not data and self._until_s is None:  # its recorder was as quick to end
+                select.select([death], (), (), _RECORD_S)
+                self._died()
             return bool(data)
         if not ready:  # the recorder does not end; what it has written is there
             return False
         self._until_s = time.monotonic() + _RECORD_S
-        if (
-            self._armed is not None and self.safety is None and not self.outcome
-        ):  # the board is seen to before the record is
-            self._stopped(self._confirm(self._armed))
+        self._died()  # the board is seen to before the record is
         return True
+
+    def _died(self) -> None:
+        """It has ended: a board that it left driven is told to be SAFE."""
+        if self._armed is not None and self.safety is None and not self.outcome:
+            self._stopped(self._confirm(self._armed))
 
     def _hear(self, data: bytes) -> None:
         *lines, self._rest = (self._rest + data).split(b"\n")

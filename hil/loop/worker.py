@@ -123,7 +123,7 @@ def _try_plugins(bench: Bench, identity: Identity, tell: Say, *, own_process: bo
 
     tell(stage="prepare", done=0, total=0, note="the plug-ins are tried")
     if own_process:
-        watch(bench, bench.link.timeout_s)
+        watch(bench)
     return tried(bench, identity)
 
 

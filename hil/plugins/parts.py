@@ -17,7 +17,7 @@ from hil.plugins.native import CONTROL, OBSERVE, Fault, Part, PluginState
 from hil.plugins.protocol import DeclaredDevice, Drive, Estimate
 
 _FUNCTIONS: dict[Kind, str] = {"observer": "gyro_plugin_observe", "controller": "gyro_plugin_control"}
-_SAMPLE = struct.Struct("q4d").unpack_from
+_SAMPLE = struct.Struct("q5d").unpack_from
 _SINGLES = 12
 _MOTION = ("x", "vx", "y", "vy")
 
@@ -122,8 +122,8 @@ class InPython(PluginPart):
     def _observe(self, *_: int) -> None:
         assert self._state is not None
         try:
-            _, vx, vy, ux, uy = _SAMPLE(self._sample)
-            self._put(self._instance.observe((vx, vy), (ux, uy)))
+            _, vx, vy, ux, uy, imposed = _SAMPLE(self._sample)
+            self._put(self._instance.observe((vx, vy), (ux, uy), imposed))
         except BaseException as error:  # noqa: BLE001 - it must not pass through C
             self.raised, self._state.raised = error, 1
 

@@ -77,7 +77,7 @@ class Plugged(Observer):
     def _lend_own(self, own: Observer) -> None:
         lent, arrays = self._plugin.own, own.arrays
         lent.estimator = own.filter.address
-        for name in ("observe", "follow", "control", "commanded"):
+        for name in ("observe", "passed", "follow", "control", "commanded"):
             setattr(lent, name, ctypes.cast(getattr(CORE, f"estimator_{name}"), ctypes.c_void_p).value)
         actual = arrays.c if arrays.settings["two_covariances"][0] else arrays.p
         self._entries = np.ascontiguousarray(own.estimated_index, np.int64)

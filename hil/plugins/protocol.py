@@ -2,7 +2,7 @@
 
     class Mine:
         def __init__(self, device: hil.DeclaredDevice) -> None: ...
-        def observe(self, sense, applied) -> hil.Estimate: ...
+        def observe(self, sense, applied, imposed) -> hil.Estimate: ...
         def control(self, estimate, on) -> hil.Drive: ...
 
 A class with the first method is an observer, with the second a controller; with both, and named in both places of the
@@ -29,7 +29,8 @@ class DeclaredDevice:
     oscillator, amplitude_m what is to be held; sense_gain_V_per_m (2,) is signed, V per m/s where sense_order is 1;
     noise_V the rms of a sense sample; latency: samples from one to the interval in which the drive computed from it
     acts; no drive may be larger than drive_limit_mps2 on either axis; angular_gain is the rotation of the pattern over
-    that of the board; virtual_rotation_rad_s what [controller] asks a controller to impose.
+    that of the board; virtual_rotation_rad_s what [controller] asks a controller to impose, and to reverse every
+    virtual_reversal_s, the first time after half of it, 0: never.
     """
 
     sample_rate_Hz: float
@@ -47,6 +48,7 @@ class DeclaredDevice:
     drive_limit_mps2: float
     angular_gain: float
     virtual_rotation_rad_s: float
+    virtual_reversal_s: float
 
     @classmethod
     def of(cls, device: Device, control: ControllerSettings) -> "DeclaredDevice":
@@ -70,6 +72,7 @@ class DeclaredDevice:
             drive_limit_mps2=control.force_limit,
             angular_gain=device.angular_gain,
             virtual_rotation_rad_s=control.virtual_rotation,
+            virtual_reversal_s=control.virtual_reversal,
         )
 
 
@@ -115,9 +118,9 @@ class Drive(NamedTuple):
 class Observer(Protocol):
     """Made with a `DeclaredDevice`; called at every sample, in order."""
 
-    def observe(self, sense: Pair, applied: Pair) -> Estimate:
+    def observe(self, sense: Pair, applied: Pair, imposed: float) -> Estimate:
         """sense (2,) [V], NaN where the sample was lost; applied (2,) [m/s²]: the drive over the interval that ends at
-        the sample.
+        the sample; imposed [rad/s]: the virtual rotation of the pattern by it, which is no turn of the board.
         """
         ...
 

@@ -10,18 +10,27 @@
 pytest collects what the class inherits.  The bench's own links, adapters and readers run the same classes.
 """
 
+import math
 import random
 import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 
+from estimator.declared_loop import DeclaredLoop
+from estimator.observer import Observer
+from hil.bench import load_bench, override
+from hil.bench.examples import find
 from hil.errors import InputError
 from hil.importing.importer import import_from
 from hil.importing.packaged import PackagedSource, Reader
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.library.generating import assumed_board
+from hil.plugins.of_bench import loop_observer
+from hil.plugins.plugged import Plugged
 from hil.sensors.adapter import Adapter, Sample
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -31,6 +40,8 @@ from hil.wire.messages import SafeReason, State
 
 _NOISE = 20_000  # bytes
 _LINES = "\r\n"
+_ENERGY = -1
+_QUIET = 200
 
 
 class AdapterConformance:
@@ -185,3 +196,74 @@ class ImporterConformance:
         place = folder / f"record{self.suffix}"
         place.write_bytes(content)
         return place
+
+
+class PluginConformance:
+    """Of an observer, a controller, or both in one, in the loop of a device as it was declared.
+
+    Attributes:
+        observer, controller: names as in a bench file, None where it is no such thing.
+        bench: a bench file or example, of a two-axis gyro in force mode.
+        samples: how many it is given.
+        energy: largest share by which the energy may be off its set point in the last tenth of them.
+    """
+
+    observer: ClassVar[str | None] = None
+    controller: ClassVar[str | None] = None
+    bench: ClassVar[str] = "s-slow"
+    samples: ClassVar[int] = 4000
+    energy: ClassVar[float] = 0.05
+
+    def test_it_keeps_the_device_in_motion(self) -> None:
+        rows = self._rows()
+        held = [row[_ENERGY] for row in rows[-self.samples // 10 :]]
+        assert max(abs(energy - 1.0) for energy in held) <= self.energy
+        assert any(any(row[:2]) for row in rows)
+
+    def test_the_same_samples_are_answered_alike(self) -> None:
+        assert self._rows() == self._rows()
+
+    def test_instances_share_nothing(self) -> None:
+        first, second = self._loop(), self._loop()
+        apart = self._rows()
+        begun = [self._step(*first, sample) for sample in range(300)]
+        beside = [(self._step(*first, sample), self._step(*second, sample - 300)) for sample in range(300, 600)]
+        assert begun + [row for row, _ in beside] == apart[:600]
+        assert [row for _, row in beside] == apart[:300]
+
+    def test_it_gets_over_samples_that_are_lost(self) -> None:
+        rows = self._rows(lost=range(self.samples // 2, self.samples // 2 + 20))
+        assert all(math.isfinite(number) for row in rows for number in row)
+        assert abs(rows[-1][_ENERGY] - 1.0) <= 2.0 * self.energy
+
+    def test_it_asks_for_nothing_beyond_the_limit(self) -> None:
+        """With a fifth of the drive: one that does not know its limit is refused."""
+        self._rows(limited=0.2)
+
+    def _loop(self, limited: float = 1.0) -> tuple[Plugged, DeclaredLoop]:
+        bench = load_bench(find("bench", self.bench))
+        limit = limited * float(bench.drive_limit_mps2)
+        changes: dict[str, dict[str, Any]] = {
+            "observer": {"plugin": self.observer},
+            "controller": {"plugin": self.controller, "force_limit_mps2": limit},
+            "loop": {"clock": "lockstep"},
+        }
+        bench = override(bench, changes, "the conformance test")
+        identity = assumed_board(bench, 1, None, None)
+        observer = loop_observer(bench, identity)
+        assert isinstance(observer, Plugged), "give the name of an observer, or of a controller"
+        device = board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity)
+        return observer, DeclaredLoop(Observer(*device))
+
+    def _step(self, observer: Plugged, device: DeclaredLoop, sample: int, *, lost: bool = False) -> tuple[float, ...]:
+        sense, applied = device.sample()
+        observer.enable_control(sample >= _QUIET)
+        volts = (math.nan, math.nan) if lost else (float(sense[0]), float(sense[1]))
+        codes = observer.tick(*volts, float(applied[0]), float(applied[1]))
+        device.answer(codes)
+        row = observer.newest
+        return (*codes, *observer.state.tolist(), float(row["angle"]), float(row["energy_ratio"]))
+
+    def _rows(self, lost: range = range(0), limited: float = 1.0) -> list[tuple[float, ...]]:
+        observer, device = self._loop(limited)
+        return [self._step(observer, device, sample, lost=sample in lost) for sample in range(self.samples)]

@@ -19,7 +19,7 @@ from hil.bench import Bench, load_bench
 from hil.codegen.golden import Golden, golden
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
-from hil.library.generating import _assumed
+from hil.library.generating import assumed_board
 from tests.made_once import made_once
 
 pytestmark = [pytest.mark.slow]
@@ -40,7 +40,7 @@ def unit(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def vectors() -> tuple[Observer, Golden]:
     bench = declared()
-    identity = _assumed(bench, 1, None, None)
+    identity = assumed_board(bench, 1, None, None)
     observer = Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     return observer, golden(observer, 1200, 200)
 

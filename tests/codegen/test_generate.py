@@ -15,7 +15,7 @@ from hil.bench import load_bench, override
 from hil.codegen.golden import golden
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
-from hil.library.generating import _assumed
+from hil.library.generating import assumed_board
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STRICT = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wdouble-promotion"]
@@ -77,7 +77,7 @@ def test_double_is_the_bench_to_the_last_bit(tmp_path: Path) -> None:
     observer = Observer(
         board_device_of(bench),
         observer_settings_of(bench),
-        controller_settings_of(bench, _assumed(bench, 1, None, None)),
+        controller_settings_of(bench, assumed_board(bench, 1, None, None)),
     )
     vectors = golden(observer, 3000, 300)
     two = ctypes.c_int32 * 2

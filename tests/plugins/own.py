@@ -34,7 +34,7 @@ class Own:
         self.observer = Observer(declared, settings, control)
         self.codes = (0, 0)
 
-    def observe(self, sense: tuple[float, float], applied: tuple[float, float]) -> hil.Estimate:
+    def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
         device, observer = self.device, self.observer
         volts = [value / device.sense_scale_V for value in sense]
         self.codes = observer.tick(*volts, *[value / device.drive_scale_mps2 for value in applied])
@@ -58,8 +58,8 @@ class Bare:
     def __init__(self, device: hil.DeclaredDevice) -> None:
         self.own = Own(device)
 
-    def observe(self, sense: tuple[float, float], applied: tuple[float, float]) -> hil.Estimate:
-        told = self.own.observe(sense, applied)
+    def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
+        told = self.own.observe(sense, applied, imposed)
         return hil.Estimate(*told[:6], constants=told.constants)
 
 

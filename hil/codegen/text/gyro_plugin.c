@@ -34,6 +34,8 @@ const char *gyro_plugin_init(void *instance, const gyro_plugin_device *device)
         return "it was generated for another latency; run `hil generate --latency`, or --link to this board";
     if (differs(device->sense_scale_V, GYRO_SENSE_SCALE_V) || differs(device->drive_scale_mps2, GYRO_DRIVE_SCALE_MPS2))
         return "it was generated for other codes; run `hil generate --link` to this board";
+    if (differs(device->drive_limit_mps2, GYRO_DRIVE_LIMIT_MPS2))
+        return "it was generated for another limit of the drive; run `hil generate` on this bench file";
     gyro_estimator_init(&((plugin *)instance)->estimator);
     return NULL;
 }

@@ -67,6 +67,7 @@ class Device(ctypes.Structure):
         ("sense_gain_V_per_m", _double * 2),
         *[(name, _double) for name in ("sense_order", "noise_V", "sense_scale_V", "drive_scale_mps2")],
         *[(name, _double) for name in ("drive_limit_mps2", "angular_gain", "virtual_rotation_rad_s")],
+        ("virtual_reversal_s", _double),
     )
 
 
@@ -77,6 +78,7 @@ class Sample(ctypes.Structure):
         ("number", _int),
         ("sense_V", _double * 2),
         ("applied_mps2", _double * 2),
+        ("virtual_rotation_rad_s", _double),
         ("sense_codes", ctypes.c_int32 * 2),
         ("applied_codes", ctypes.c_int32 * 2),
         ("lost", ctypes.c_int32),
@@ -114,7 +116,7 @@ class Own(ctypes.Structure):
     """`own_t`"""
 
     _fields_ = (
-        *[(name, _pointer) for name in ("estimator", "observe", "follow", "control", "commanded")],
+        *[(name, _pointer) for name in ("estimator", "observe", "passed", "follow", "control", "commanded")],
         *[(name, _pointer) for name in ("x", "variance", "row", "factors", "entries")],
         ("estimated", _int),
         ("volts", _double * 2),

@@ -45,10 +45,9 @@ static void fill_row(plugin_t *plugin)
 {
     const gyro_plugin_device *device = &plugin->device;
     const gyro_plugin_estimate *said = plugin->estimate;
-    const double *applied = plugin->sample->applied_mps2;
     turned_t *turned = &plugin->turned;
     double *row = plugin->row, k = device->target_stiffness_per_s2, rate = plugin->state[GYRO_PLUGIN_RATE];
-    double imposed = applied[0] != 0.0 || applied[1] != 0.0 ? device->virtual_rotation_rad_s : 0.0;
+    double imposed = plugin->sample->virtual_rotation_rad_s;
     double energy, momentum, other, unused;
     double theta = pattern_of(plugin->state, k, rate + imposed, rate, &energy, &momentum);
     double plain = pattern_of(plugin->state, k, 0.0, 0.0, &other, &unused);

@@ -52,6 +52,7 @@ typedef struct gyro_plugin_device {
     double drive_limit_mps2;     /* no drive may be larger, on either axis */
     double angular_gain;         /* rotation of the pattern over that of the board */
     double virtual_rotation_rad_s; /* [controller] virtual_rotation_rad_s, for the controller to impose */
+    double virtual_reversal_s;     /* and to reverse so often, the first time after half of it; 0: never */
 } gyro_plugin_device;
 
 /* One sample. */
@@ -59,6 +60,7 @@ typedef struct gyro_plugin_sample {
     int64_t number;           /* 0 for the first */
     double sense_V[2];        /* NaN: lost */
     double applied_mps2[2];   /* held over the interval that ends at the sample */
+    double virtual_rotation_rad_s; /* that the controller imposed by it; no turn of the board */
     int32_t sense_codes[2];   /* the same in codes; 0 of a lost one */
     int32_t applied_codes[2];
     int32_t lost;
@@ -103,8 +105,8 @@ GYRO_PLUGIN_EXPORT const char *gyro_plugin_init(void *instance, const gyro_plugi
 GYRO_PLUGIN_EXPORT void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample,
                                             gyro_plugin_estimate *estimate);
 
-/* A controller: called behind it, with that estimate or the one of the bench's own observer, NaN where there is none.
- * drive_on: whether the drive will be applied; without, it is zero. */
+/* A controller: called behind it, with that estimate, in which constants that were left out are the declared ones, or
+ * with the one of the bench's own observer; NaN where there is no uncertainty. drive_on: whether the drive will be applied; without, it is zero. */
 GYRO_PLUGIN_EXPORT void gyro_plugin_control(void *instance, const gyro_plugin_estimate *estimate, int drive_on,
                                             gyro_plugin_drive *drive);
 

@@ -71,8 +71,9 @@ EXPORT void plugin_step(void *context, double vx, double vy, double ux, double u
     } else {
         double scale = device->sense_scale_V, force = device->drive_scale_mps2;
         int32_t sense_x = isnan(vx) ? 0 : (int32_t)vx, sense_y = isnan(vy) ? 0 : (int32_t)vy;
+        double imposed = plugin->own.passed(plugin->own.estimator, ux, uy) / plugin->own.per_second;
         hand_over(plugin, (double[2]){vx * scale, vy * scale}, (double[2]){ux * force, uy * force},
-                  (int32_t[4]){sense_x, sense_y, (int32_t)ux, (int32_t)uy});
+                  (int32_t[4]){sense_x, sense_y, (int32_t)ux, (int32_t)uy}, imposed);
         if (!observed(plugin))
             return;
     }
@@ -82,6 +83,17 @@ EXPORT void plugin_step(void *context, double vx, double vy, double ux, double u
 static int32_t code_of(double value)
 {
     return fabs(value) < 2147483647.0 ? (int32_t)rint(value) : 0; /* which NaN is not */
+}
+
+/* The virtual rotation that the bench file declares, of a record in which none is told. */
+static double declared_rotation(const plugin_t *plugin, const double applied[2])
+{
+    const gyro_plugin_device *device = &plugin->device;
+    double rate = applied[0] != 0.0 || applied[1] != 0.0 ? device->virtual_rotation_rad_s : 0.0;
+    if (device->virtual_reversal_s <= 0.0)
+        return rate;
+    double turn = floor(((double)plugin->number + 0.5) * plugin->step_s / device->virtual_reversal_s + 0.5);
+    return turn - 2.0 * floor(0.5 * turn) > 0.5 ? -rate : rate;
 }
 
 /* n samples of a record, sense (n, 2) in V and drive (n, 2) in m/s2, through the observer alone -> rows (n, ROW_SIZE),
@@ -96,7 +108,7 @@ EXPORT int64_t plugin_observe(plugin_t *plugin, int64_t n, int64_t every, const 
             codes[axis] = code_of(sense[2 * m + axis] / device->sense_scale_V);
             codes[2 + axis] = code_of(applied[2 * m + axis] / device->drive_scale_mps2);
         }
-        hand_over(plugin, sense + 2 * m, applied + 2 * m, codes);
+        hand_over(plugin, sense + 2 * m, applied + 2 * m, codes, declared_rotation(plugin, applied + 2 * m));
         if (!observed(plugin))
             return m;
         memcpy(rows + ROW_SIZE * m, plugin->row, ROW_SIZE * sizeof *rows);

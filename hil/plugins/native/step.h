@@ -58,10 +58,12 @@ static void blank(const plugin_t *plugin)
         estimate->state[i] = estimate->deviation[i] = (double)NAN;
 }
 
-/* The sample, in volts and m/s2. */
-static void hand_over(plugin_t *plugin, const double sense_V[2], const double applied_mps2[2], const int32_t codes[4])
+/* The sample, in volts and m/s2; `imposed`: the virtual rotation of that drive. */
+static void hand_over(plugin_t *plugin, const double sense_V[2], const double applied_mps2[2], const int32_t codes[4],
+                      double imposed)
 {
     gyro_plugin_sample *sample = plugin->sample;
+    sample->virtual_rotation_rad_s = imposed;
     sample->number = plugin->number;
     sample->lost = isnan(sense_V[0]) || isnan(sense_V[1]);
     for (int axis = 0; axis < 2; axis++) {
@@ -76,7 +78,7 @@ static void hand_over(plugin_t *plugin, const double sense_V[2], const double ap
 static bool is_estimate(plugin_t *plugin)
 {
     static const int64_t needed[] = {GYRO_PLUGIN_X, GYRO_PLUGIN_VX, GYRO_PLUGIN_Y, GYRO_PLUGIN_VY, GYRO_PLUGIN_RATE};
-    const gyro_plugin_estimate *estimate = plugin->estimate;
+    gyro_plugin_estimate *estimate = plugin->estimate;
     if (!isfinite(estimate->angle_rad))
         return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, ENTRY_ANGLE, estimate->angle_rad);
     if (estimate->angle_u_rad < 0.0 || isinf(estimate->angle_u_rad))
@@ -91,7 +93,9 @@ static bool is_estimate(plugin_t *plugin)
         if (isinf(deviation))
             return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, GYRO_PLUGIN_STATES + i, deviation);
         bool declared = isnan(value) || deviation < 0.0;
-        plugin->state[i] = isnan(value) ? plugin->declared[i] : value;
+        if (isnan(value)) /* for the controller, too */
+            estimate->state[i] = plugin->declared[i];
+        plugin->state[i] = estimate->state[i];
         plugin->variance[i * (plugin->states + 1)] = declared ? 0.0 : deviation * deviation;
     }
     return true;
@@ -175,8 +179,7 @@ static void drive(plugin_t *plugin, double codes[2])
     if (plugin->observe != NULL) {
         for (int64_t i = 0; i < plugin->states; i++)
             x[i] = plugin->state[i] / own->factors[i];
-        own->follow(own->estimator, plugin->sample->applied_codes[0], plugin->sample->applied_codes[1],
-                    plugin->control == NULL ? x : NULL);
+        own->follow(own->estimator, plugin->control == NULL ? x : NULL);
     }
     if (plugin->control == NULL) {
         own->control(own->estimator, codes);

@@ -25,7 +25,8 @@ typedef struct {
 typedef struct {
     void *estimator;
     void (*observe)(void *estimator, double vx, double vy, double ux, double uy);
-    void (*follow)(void *estimator, double ux, double uy, const double *x);
+    double (*passed)(void *estimator, double ux, double uy);
+    void (*follow)(void *estimator, const double *x);
     void (*control)(void *estimator, double codes[2]);
     void (*commanded)(void *estimator, const double codes[2], double virtual_rate);
     const double *x;        /* scaled */

@@ -1,0 +1,60 @@
+"""`hil init --plugin`: what it writes runs as it is."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.plugins.compiled import library
+from tests.plugins.running import bench, ran
+
+pytestmark = [pytest.mark.usefixtures("no_report"), pytest.mark.slow]
+
+KNOWN = {
+    "device": {
+        "stiffness_N_per_m": (1610.7194, 1547.5540, 15.7914),
+        "damping_N_s_per_m": (1.38230e-3, 1.13097e-3, 6.2832e-5),
+    }
+}
+"""The board's own: a controller without an estimate of the stiffness goes by what is declared."""
+
+
+def init(place: Path, *options: str) -> "subprocess.CompletedProcess[str]":
+    command = [sys.executable, "-m", "hil", "init", *options]
+    return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("ending", [".py", ".c"])
+def test_a_template_closes_the_loop(tmp_path: Path, ending: str) -> None:
+    names = {}
+    for kind in ("observer", "controller"):
+        done = init(tmp_path, "--plugin", kind, "-o", f"my_{kind}{ending}", "--json")
+        assert done.returncode == 0, done.stderr
+        told = json.loads(done.stdout)
+        assert all((tmp_path / name).exists() for name in told["written"])
+        names[kind] = str(tmp_path / told["plugin"])
+        if ending == ".c":
+            assert library(tmp_path / f"my_{kind}.c") == names[kind]
+    run = ran(tmp_path / "run", bench(names["observer"], names["controller"], duration_s=3.0, changes=KNOWN))
+    assert run.estimates is not None
+    scored = run.estimates.t_s > 1.0
+    assert abs(run.estimates["energy_ratio"][scored] - 1.0).max() < 0.01
+    assert abs(run.estimates["quadrature_ratio"][scored]).max() < 0.02
+    assert run.result is not None
+    assert run.result.parts["safety"].outcome == "good"
+
+
+def test_what_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
+    for options, words in (
+        (["--plugin", "filter"], "--plugin filter: observer or controller"),
+        (["--plugin", "observer", "-o", "mine.rs"], "ends with .py or .c"),
+    ):
+        done = init(tmp_path, *options)
+        assert done.returncode == 2
+        assert words in done.stderr
+        assert done.stderr.count("\n") == 1
+    (tmp_path / "observer.py").write_text("mine\n")
+    assert init(tmp_path, "--plugin", "observer").returncode == 2
+    assert (tmp_path / "observer.py").read_text() == "mine\n"
