@@ -1,6 +1,7 @@
 """`python -m evaluation.pools`: several records of one drawn device traced together, judged by what was drawn.
 
-Devices, effects and boards are those of `evaluation.undeclared`; each record has its own rate and noise.  What differs
+Devices, effects and boards of two axes are those of `evaluation.undeclared`; of one axis, oscillators that SciPy solves
+(`evaluation.pools_alone`).  Each record has its own rate and noise.  What differs
 between the records of a pool, by its kind: nothing; the amplitude; a temperature that moves the stiffness, which each
 record carries as a number; or one record is of another device.
 """
@@ -20,6 +21,7 @@ from estimator.diagnosis import Diagnosis, Interval, Verdict
 from estimator.identification.pool import Member, Pool, held_out_by_default
 from estimator.identification.pool_trace import trace_pool
 from estimator.side_by_side import one_blas_thread
+from evaluation.pools_alone import alone
 from evaluation.undeclared.device import draw_rate
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.population import Order
@@ -41,16 +43,19 @@ KINDS = ("effect by amplitude", "nothing", "temperature", "another device", "eff
 
 
 class Drawing(NamedTuple):
-    """A pool: its kind, the effect hidden in all its records or "", its records, and what it was drawn of."""
+    """A pool: its kind, the effect hidden in all its records or "", its records; what was drawn of coefficients, and of
+    slopes by constant.
+    """
 
     kind: str
     effect: str
     pool: Pool
-    drawn: Drawn
+    truth: Mapping[str, float]
+    slopes: Mapping[str, float]
 
 
 def drawing(number: int, seed: int, folder: Path) -> Drawing:
-    """The pool of that number; its captures are left in `folder`."""
+    """The pool of two axes of that number; its captures are left in `folder`."""
     kind = KINDS[number % len(KINDS)]
     effect = HIDDEN[number % len(HIDDEN)] if kind.startswith("effect") else ""
     order = Order("single" if effect else "clean", (effect,) if effect else (), number, seed)
@@ -71,9 +76,32 @@ def drawing(number: int, seed: int, folder: Path) -> Drawing:
         write_capture(path, loop, scenario, None)
         captured = read_capture(path)
         device = recorded_device_of(drawn.bench, captured)
-        record = record_of(captured, drives_of(captured, device))
-        members.append(Member(f"record {i}", record, warm))
-    return Drawing(kind, effect, Pool(tuple(members), device, observer_settings_of(drawn.bench), covariate), drawn)
+        members.append(Member(f"record {i}", record_of(captured, drives_of(captured, device)), warm))
+    pool = Pool(tuple(members), device, observer_settings_of(drawn.bench), covariate)
+    kxx, kyy, _ = drawn.device.stiffness
+    slopes = {"kxx": SOFTER * kxx, "kyy": SOFTER * kyy} if covariate else {}
+    return Drawing(kind, effect, pool, _truth(drawn, effect), slopes)
+
+
+def drawing_alone(number: int, seed: int) -> Drawing:
+    """The pool of one axis of that number."""
+    one = alone(number, seed)
+    pool = Pool(tuple(Member(*record) for record in one.records), one.device, one.settings, one.covariate)
+    slopes = {name: value for name, value in one.truth.items() if name == "kxx"}
+    truth = {name: value for name, value in one.truth.items() if name != "kxx"}
+    return Drawing(one.kind, one.effect, pool, truth, slopes)
+
+
+def _truth(drawn: Drawn, effect: str) -> Mapping[str, float]:
+    """Coefficients of the effect that was drawn."""
+    if not effect:
+        return {}
+    device, hidden = drawn.device, drawn.hidden[0]
+    sheet = {
+        "gain_V_per_m": device.gain_V_per_m, "amplitude_m": device.amplitude_m,
+        "stiffness_per_s2": device.stiffness, "sample_rate_Hz": device.sample_rate_Hz,
+    }  # fmt: skip
+    return expected(effect, hidden.effects, hidden.sections, sheet).coefficients
 
 
 def _table(drawn: Drawn, rng: np.random.Generator, warm: float, share: float, *, other: bool) -> dict[str, Any]:
@@ -93,22 +121,13 @@ def _table(drawn: Drawn, rng: np.random.Generator, warm: float, share: float, *,
 
 def covered(one: Drawing, found: Diagnosis) -> Iterator[bool]:
     """Whether each interval that is told covers what was drawn."""
-    stiffness, drawn = one.drawn.device.stiffness, one.drawn
-    truth: dict[str, float] = {}
-    if one.effect:
-        gain = {"gain_V_per_m": drawn.device.gain_V_per_m, "amplitude_m": drawn.device.amplitude_m,
-                "stiffness_per_s2": stiffness, "sample_rate_Hz": drawn.device.sample_rate_Hz}  # fmt: skip
-        hidden = drawn.hidden[0]
-        truth = dict(expected(one.effect, hidden.effects, hidden.sections, gain).coefficients)
     for effect in found.effects:
         if effect.name == one.effect:
-            yield from (
-                _within(interval, truth[name]) for name, interval in effect.coefficients.items() if name in truth
-            )
+            told = effect.coefficients
+            yield from (_within(told[name], value) for name, value in one.truth.items() if name in told)
     for goes in found.dependences:
-        places = {"kxx": 0, "kyy": 1, "kxy": 2}
-        if goes.name in places:
-            yield _within(goes.slope, SOFTER * stiffness[places[goes.name]])
+        if goes.name in one.slopes:
+            yield _within(goes.slope, one.slopes[goes.name])
 
 
 def _within(interval: Interval, value: float) -> bool:
@@ -123,9 +142,9 @@ def right(one: Drawing, found: Diagnosis) -> bool:
         return found.verdict.is_open
     if one.effect and not (one.effect in named | groups and len(named) == 1):
         return False
-    if one.pool.covariate and not {"kxx", "kyy"} <= {goes.name for goes in found.dependences}:
+    if not set(one.slopes) <= {goes.name for goes in found.dependences}:
         return False
-    return found.verdict is (Verdict.EXPLAINED if one.effect or one.pool.covariate else Verdict.ADEQUATE)
+    return found.verdict is (Verdict.EXPLAINED if one.effect or one.slopes else Verdict.ADEQUATE)
 
 
 def main() -> int:
@@ -134,12 +153,17 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=1, help="of the draws (default 1)")
     parser.add_argument("--pools", type=int, default=12, help="how many (default 12)")
     parser.add_argument("--first", type=int, default=0, help="number of the first (default 0)")
-    parser.add_argument("--folder", type=Path, required=True, help="of the captures")
+    parser.add_argument("--axes", type=int, choices=[1, 2], default=2, help="of the devices (default 2)")
+    parser.add_argument(
+        "--folder", type=Path, default=Path("pools"), help="of the captures of two axes (default pools)"
+    )
     options = parser.parse_args()
-    options.folder.mkdir(parents=True, exist_ok=True)
+    if options.axes == 2:
+        options.folder.mkdir(parents=True, exist_ok=True)
     counts: Mapping[str, list[bool]] = {"right": [], "intervals": []}
     for number in range(options.first, options.first + options.pools):
-        one = drawing(number, options.seed, options.folder)
+        two = options.axes == 2
+        one = drawing(number, options.seed, options.folder) if two else drawing_alone(number, options.seed)
         begin = time.process_time()
         with one_blas_thread(), np.errstate(all="ignore"):
             found = trace_pool(one.pool, held_out_by_default(one.pool))
