@@ -31,7 +31,6 @@ Link = Annotated[
     ),
 ]
 Name = Annotated[str | None, typer.Option("--name", help="Last part of the run folder's name.  [default: the bench's]")]
-Note = Annotated[str | None, typer.Option("--note", help="A remark of the operator, kept in result.json.")]
 Out = Annotated[Path, typer.Option("--out", "-o", help="Folder in which the run folder TIME-NAME is made.")]
 Report = Annotated[
     bool, typer.Option("--report/--no-report", help="Draw report.html; leave it out to save time on many records.")

@@ -8,6 +8,7 @@ from hil.wire.link import Link
 from hil.wire.link_name import Emulated
 
 ENTRY_POINT_GROUP = "hil.emulators"
+OWN = "device_emulator"
 
 
 class Board(Protocol):
@@ -59,12 +60,28 @@ class InprocLink(Link):
 
 
 def open_inproc(board: Emulated, truth: str | None = None, seed: int | None = None) -> InprocLink:
-    """A link to the emulated board that is installed as entry point of the group `hil.emulators`.
+    """A link to an emulated board that is installed as entry point of the group `hil.emulators`: the one that the link
+    names, else the bench's own, else the first.
 
     Raises:
-        LinkError: no emulator is installed.
-        Whatever the emulator raises on a bad scenario.
+        LinkError: no such emulator is installed, or it cannot be loaded.
+        Whatever the bench's own emulator raises on a bad scenario; what another package's does is a LinkError.
     """
-    for entry in entry_points(group=ENTRY_POINT_GROUP):
-        return InprocLink(entry.load()(board.scenario, truth, seed, **board.changes))
-    raise LinkError(f"{board.url}: no emulator is installed; install the package that provides {ENTRY_POINT_GROUP}")
+    there = {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP)}
+    if not there:
+        raise LinkError(f"{board.url}: no emulator is installed; install the package that provides {ENTRY_POINT_GROUP}")
+    name = board.emulator or (OWN if OWN in there else min(there))
+    if name not in there:
+        raise LinkError(f"{board.url}: no emulator of that name; known: {', '.join(sorted(there))}")
+    try:
+        opener = there[name].load()
+    except Exception as error:  # whatever another package does wrong
+        raise LinkError(
+            f"{board.url}: {there[name].value} cannot be loaded: {error}; mend or remove the package that brings it"
+        ) from error
+    try:
+        return InprocLink(opener(board.scenario, truth, seed, **board.changes))
+    except Exception as error:
+        if name == OWN:
+            raise
+        raise LinkError(f"{board.url}: the emulator {name} cannot: {error}") from error

@@ -110,13 +110,14 @@ class UdpGroup:
 @dataclass(frozen=True)
 class Emulated:
     """`pty:SCENARIO`, `inproc:SCENARIO`, both with [?latency=TICKS&rate=HZ]: a board that is started for the link, and
-    what of it is another than its scenario says.
+    what of it is another than its scenario says; in this process with [emulator=NAME], which package's it is.
     """
 
     kind: Literal["pty", "inproc"]
     scenario: str
     latency_ticks: int | None = None
     rate_Hz: float | None = None
+    emulator: str | None = None
 
     @property
     def changes(self) -> dict[str, int | float]:
@@ -128,6 +129,7 @@ class Emulated:
     def url(self) -> str:
         """Its name."""
         given = {name.partition("_")[0]: _written(value) for name, value in self.changes.items()}
+        given |= {} if self.emulator is None else {"emulator": self.emulator}
         return f"{self.kind}:{self.scenario}" + _query(given)
 
 
@@ -202,6 +204,7 @@ def _emulated(text: str, kind: Literal["pty", "inproc"], rest: str) -> Emulated:
     expected = "SCENARIO, or SCENARIO?latency=TICKS&rate=HZ; samples a SENSE are [loop] block of the bench file"
     scenario, options = options_of(text, rest, expected)
     latency, rate = options.pop("latency", None), options.pop("rate", None)
+    emulator = options.pop("emulator", None) if kind == "inproc" else None
     rate_Hz = None
     if rate is not None:
         with suppress(ValueError):
@@ -209,7 +212,7 @@ def _emulated(text: str, kind: Literal["pty", "inproc"], rest: str) -> Emulated:
     bad_rate = rate is not None and (rate_Hz is None or not 0.0 < rate_Hz < math.inf)
     if options or not scenario or bad_rate or not (latency is None or _NUMBER.fullmatch(latency)):
         raise LinkError(f"link {text!r}: bad option; expected {expected}")
-    return Emulated(kind, scenario, None if latency is None else int(latency), rate_Hz)
+    return Emulated(kind, scenario, None if latency is None else int(latency), rate_Hz, emulator)
 
 
 def _can(text: str, rest: str) -> CanInterface | CanAdapter:
