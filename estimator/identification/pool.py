@@ -45,6 +45,15 @@ class Pool:
         """A record by itself."""
         return Problem(member.record, self.device, self.settings, self.controller)
 
+    @property
+    def hardest(self) -> Problem:
+        """The record that is driven hardest, by itself."""
+
+        def force(member: Member) -> float:
+            return float(np.max(np.abs(member.record.drive), initial=0.0))
+
+        return self.problem(max(self.members, key=force))
+
     def divided(self, held_out: Sequence[int]) -> tuple["Pool", "Pool"]:
         """The records that are fitted, and those that judge.  Raises ModelError where either are too few."""
         fit = self.of([member for i, member in enumerate(self.members) if i not in held_out])

@@ -47,8 +47,8 @@ def trace_pool(pool: Pool, held_out: Sequence[int], progress: Progress = lambda 
     Raises ModelError for a pool that cannot be divided so, and for a record that cannot be followed.
     """
     fit, judges = pool.divided(held_out)
-    first = fit.problem(fit.members[0])
-    whole = pooled(fit, judges, type(likelihood_of(first, len(first.record))))
+    hardest = fit.hardest
+    whole = pooled(fit, judges, type(likelihood_of(hardest, len(hardest.record))))
     split = whole.fitted_samples
     chosen = choose(whole.part(slice(0, split)), progress)
     progress("checks", 0, 1)

@@ -247,10 +247,9 @@ def pooled(fit: Pool, judges: Pool, kind: type[Filtered]) -> Pooled:
         of = kind(pool.problem(member), beginning)
         return Part(member.name, of, member.covariate, level.scaled(member.covariate))
 
-    hardest = max(fit.members, key=lambda member: float(np.max(np.abs(member.record.drive), initial=0.0)))
     made = PooledFreeRun if issubclass(kind, FreeRun) else Pooled
     return made(
-        problem=fit.problem(hardest),
+        problem=fit.hardest,
         beginning=beginning,
         parts=tuple(part(fit, member) for member in fit.members),
         judges=tuple(_judging(part(judges, member)) for member in judges.members),

@@ -263,6 +263,39 @@ def test_a_record_of_another_device_is_told_whether_it_was_fitted_or_judges(othe
     assert any(f"run {other} does not agree with what the records share" in one for one in found.reasons)
 
 
+def ringing(seed: int, cubic: float) -> Record:
+    """The same gyro, let go from rest, with a spring that hardens on both axes."""
+    rng = np.random.default_rng(seed)
+    (kxx, kyy, _), t = GYRO.stiffness, np.arange(2000) / GYRO.sample_rate
+    start = 1e-4 * rng.uniform(0.6, 1.4, 2)
+    solved = solve_ivp(
+        lambda _, s: [
+            s[1], -kxx * s[0] - 4.0 * s[1] - cubic * s[0] ** 3, s[3], -kyy * s[2] - 4.0 * s[3] - cubic * s[2] ** 3
+        ],
+        (0.0, t[-1]), (start[0], 0.0, start[1], 0.0), "DOP853", t, rtol=1e-10, atol=1e-14,
+    )  # fmt: skip
+    seen = 1e3 * solved.y[[0, 2]].T + 1e-4 * rng.standard_normal((len(t), 2))
+    return Record(seen, np.zeros((len(t), 2, 1)), np.full(len(t), 1.0 / GYRO.sample_rate))
+
+
+@pytest.mark.moderate
+def test_decays_of_two_axes_tell_a_spring_that_hardens() -> None:
+    cubic = 0.01 * GYRO.stiffness[0] / 1e-4**2
+    found = trace_pool(gyros([ringing(seed, cubic) for seed in range(4)]), (3,))
+    assert found.verdict is Verdict.EXPLAINED, found.reasons
+    (effect,) = found.effects
+    assert effect.name == "cubic_stiffness"
+    for interval in effect.coefficients.values():
+        assert abs(interval.value - cubic) < interval.high - interval.low < 0.02 * cubic
+
+
+@pytest.mark.moderate
+def test_where_one_record_is_driven_and_another_is_not_a_filter_follows_both() -> None:
+    found = trace_pool(gyros([ringing(0, 0.0), driven(1), driven(2), driven(3)]), (3,))
+    assert found.verdict is Verdict.EXPLAINED, found.reasons
+    assert [effect.name for effect in found.effects] == ["drive_gain"]
+
+
 def of_gyros(covariate: str | None = None, effects: tuple[str, ...] = ()) -> tuple[Pooled, PooledLayout, Model]:
     several = gyros([driven(seed, samples=1500) for seed in range(3)], covariate)
     fit, judges = several.divided((2,))
