@@ -34,6 +34,7 @@ CUBIC_ISOTROPIC = Effect(
     undone=Undone.CANCEL,
     signs=(*ODD, Sign.AMPLITUDE, *LINEAR),
     kin=Kin.STIFFNESS,
+    plane=True,
 )
 
 QUADRATIC_STIFFNESS = Effect(

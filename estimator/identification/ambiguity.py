@@ -10,7 +10,16 @@ from estimator.identification.exchange import Exchange, exchange_test
 from estimator.identification.fit import RISE, FittedModel, advanced, at, settle
 from estimator.identification.likelihood import Likelihood
 from estimator.identification.score_test import score_test
-from estimator.identification.search import SHORTLIST, carried_over, impossible, joined, reduced, without_effect
+from estimator.identification.search import (
+    QUICK,
+    SHORTLIST,
+    carried_over,
+    forbidden,
+    impossible,
+    joined,
+    reduced,
+    without_effect,
+)
 from estimator.side_by_side import side_by_side
 
 TIE = 9.0
@@ -60,8 +69,13 @@ def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
     pairs = [
         (name, exchange)
         for name, (exchanges, loss) in found.items()
-        for exchange in _first_of_each_kind(exchanges, kinds[name], max(SHARE * loss, TIE))
+        for exchange in _first_of_each_kind(of, exchanges, kinds[name], max(SHARE * loss, TIE))
     ]
+    quick = of.part(slice(0, QUICK))
+    if quick.samples < of.samples:
+        usual = advanced(quick, at(quick, best.layout, best.model)).criterion
+        tried = side_by_side([partial(_exchanged, quick, best, name, exchange) for name, exchange in pairs])
+        pairs = [pair for pair, one in zip(pairs, tried, strict=True) if one.criterion > usual - TIE]
     fitted = side_by_side([partial(_exchanged, of, best, name, exchange) for name, exchange in pairs])
     groups: dict[str, list[Member]] = {name: [] for name in names}
     for (name, exchange), one in zip(pairs, fitted, strict=True):
@@ -82,17 +96,24 @@ def _beside_the_rest(of: Likelihood, best: FittedModel, name: str) -> tuple[list
     theta = carried_over(rest, best.layout)
     return [
         Exchange(
-            one.name, one.given, own - one.gain, float(np.sqrt(np.clip(one.gain / own, 0.0, 1.0))), one.size, theta
+            one.name,
+            one.given,
+            own - one.gain,
+            float(np.sqrt(np.clip(one.gain / own, 0.0, 1.0))),
+            one.size,
+            one.deviation,
+            theta,
         )
         for one in scores
         if one.name != name
     ], own
 
 
-def _first_of_each_kind(exchanges: list[Exchange], taken: set[str], most: float) -> list[Exchange]:
+def _first_of_each_kind(of: Likelihood, exchanges: list[Exchange], taken: set[str], most: float) -> list[Exchange]:
     found: dict[str, Exchange] = {}
     for one in exchanges:
-        if one.loss < most and kind(one.name) not in taken:
+        possible = not forbidden(of, one.name, one.size, one.deviation)
+        if one.loss < most and kind(one.name) not in taken and possible:
             found.setdefault(kind(one.name), one)
     return list(found.values())[:SHORTLIST]
 

@@ -4,9 +4,10 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from estimator.identification.ambiguity import Member, exchanged
-from estimator.identification.fit import FittedModel, at, finished, maximise, settle
+from estimator.identification.checks import AT_FLOOR
+from estimator.identification.fit import FittedModel, at, finished, fit, maximise, settle
 from estimator.identification.likelihood import Likelihood
-from estimator.identification.search import Search, backward, forward, search
+from estimator.identification.search import QUICK, Search, backward, forward, search, with_defaults
 
 SEARCHED = 25_000
 """Samples of the fitted part on which effects are chosen: what shows in more only is small."""
@@ -40,6 +41,7 @@ def choose(of: Likelihood, progress: Callable[[str, int, int], None] = lambda st
     best, groups = exchanged(searched, found.best)
     while corrected and (less := backward(searched, best, found.margin)) is not best:
         best, groups = exchanged(searched, less)
+    best = with_defaults(searched, best)
     before = found.base
     if fitted.samples > searched.samples:
         before, best = (settle(fitted, at(fitted, one.layout, one.model)) for one in (before, best))
@@ -49,18 +51,24 @@ def choose(of: Likelihood, progress: Callable[[str, int, int], None] = lambda st
 
 
 def by_free_runs(of: Likelihood, progress: Callable[[str, int, int], None]) -> Search:
-    """Effects added by a run that nothing corrects, from what its filter finds and from what is declared: the better.
+    """Effects added by a run that nothing corrects; where it leaves more than the noise floor, from what a filter finds
+    on a beginning of the record as well, and the better of both.
 
     A filter keeps the motion, whatever a model lacks, and is blind for what it is corrected for all the time; a run
     tells all, once it keeps the motion.
     """
-    by_filter = search(of.following, progress)
-    begun = [freed(of, one) for one in (by_filter.best, by_filter.base)]
-    found = [forward(of, progress, one) for one in (begun if by_filter.best is not by_filter.base else begun[:1])]
-    noise = min((one.best for one in found), key=lambda best: best.evaluation.scale).model.noise
-    best = max(found, key=lambda one: at(of, one.best.layout, replace(one.best.model, noise=noise)).criterion)
-    rounds = (*by_filter.rounds, *found[0].rounds) if best is found[0] else best.rounds
-    return Search(begun[-1], best.best, rounds)
+    quick = of.following.part(slice(0, QUICK))
+    begun = [fit(of, of.effects), freed(of, fit(quick, of.effects))]
+    found = forward(of, progress, max(begun, key=lambda one: one.surplus_over(begun[0])))
+    if of.above_floor(found.best.evaluation, None) < AT_FLOOR:
+        return found
+    by_filter = search(quick, progress)
+    if by_filter.best is by_filter.base:
+        return found
+    other = forward(of, progress, freed(of, by_filter.best))
+    if other.best.surplus_over(found.best) <= 0.0:
+        return found
+    return Search(found.base, other.best, (*by_filter.rounds, *other.rounds))
 
 
 def freed(of: Likelihood, followed: FittedModel) -> FittedModel:

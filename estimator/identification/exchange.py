@@ -22,7 +22,8 @@ class Exchange:
     """A candidate in place of an effect.
 
     loss: of twice the log-likelihood; likeness: largest canonical correlation of what the two do to the innovations, 1:
-    the same to this record; size (c,) of its coefficients, scaled; theta (k,) the model's own parameters then.
+    the same to this record; size, deviation (c,) of its coefficients, scaled; theta (k,) the model's own parameters
+    then.
     """
 
     name: str
@@ -30,6 +31,7 @@ class Exchange:
     loss: float
     likeness: float
     size: Array
+    deviation: Array
     theta: Array
 
 
@@ -62,11 +64,12 @@ def _exchange(
     left = information[np.ix_(both, both)] - information[np.ix_(both, rest)] @ taken
     removed, n = fitted.removed(name), len(own)
     slope = score[columns] - left[n:, :n] @ removed
-    size = np.linalg.solve(left[n:, n:] + np.diag(sizes**-2.0), slope)
+    covariance = np.linalg.inv(left[n:, n:] + np.diag(sizes**-2.0))
+    size = covariance @ slope
     theta = fitted.model.theta.copy()
     theta[rest] -= taken @ [*removed, *size]
     loss = fitted.twice_log_likelihood_of(float(removed @ left[:n, :n] @ removed - slope @ size))
-    return Exchange(other, given, loss, _likeness(left, n), size, theta)
+    return Exchange(other, given, loss, _likeness(left, n), size, np.sqrt(np.diagonal(covariance)), theta)
 
 
 def _likeness(information: Array, first: int) -> float:

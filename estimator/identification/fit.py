@@ -55,6 +55,21 @@ class FittedModel:
         """The same, less what the parameters cost (Schwarz, Annals of Statistics 6, 1978)."""
         return self.likeliness - len(self.layout.names) * float(np.log(self.evaluation.count.sum()))
 
+    def rise_over(self, other: "FittedModel") -> float:
+        """Twice the gain of log-likelihood over another model, both counted in the more samples that the error of one
+        of them has independent: what the other lacks may be slow.
+        """
+        share = max(self.evaluation.share, other.evaluation.share)
+        return share * (self.likeliness / self.evaluation.share - other.likeliness / other.evaluation.share)
+
+    def surplus_over(self, other: "FittedModel") -> float:
+        """The same, less what the parameters cost that this model has more."""
+        return self.rise_over(other) - self._price_beside(other)
+
+    def _price_beside(self, other: "FittedModel") -> float:
+        more = len(self.layout.names) - len(other.layout.names)
+        return more * float(np.log(max(self.evaluation.count.sum(), other.evaluation.count.sum())))
+
     @cached_property
     def scatter(self) -> float:
         """By how much more the scores differ from part to part of the record than white innovations let them, 1 where
@@ -69,9 +84,7 @@ class FittedModel:
         """Twice the gain of log-likelihood over another model, as far as the record is sure of it, less what the
         parameters cost that this one has more (Schwarz, Annals of Statistics 6, 1978).
         """
-        more = len(self.layout.names) - len(other.layout.names)
-        samples = float(self.evaluation.count.sum())
-        return (self.likeliness - other.likeliness) / self.scatter - more * float(np.log(samples))
+        return self.rise_over(other) / self.scatter - self._price_beside(other)
 
     def gain_of(self, name: str) -> float:
         """`gain_over` the model with one effect less, by the parabola that the likelihood is at its top."""

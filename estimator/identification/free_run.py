@@ -227,10 +227,11 @@ class FreeRun(Filtered):
             rows = np.column_stack([rows[:, :-2], way.over_all()[:, own:-2], rows[:, -2:]])
             names = (*names, *way.names[len(layout.names) if derivatives else 0 :])
         if derivatives and layout.searched:
-            shifted = [
-                (_Run(self, layout, moved, derivatives=False, tested={}).over_all()[:, 0] - rows[:, -2]) / step
-                for moved, step in layout.shifted(model)
-            ]
+            with np.errstate(invalid="ignore"):  # a run that is lost has no derivative
+                shifted = [
+                    (_Run(self, layout, moved, derivatives=False, tested={}).over_all()[:, 0] - rows[:, -2]) / step
+                    for moved, step in layout.shifted(model)
+                ]
             first = len(layout.index)
             rows = np.column_stack([rows[:, :first], *shifted, rows[:, first:]])
         return self._summed(run, names, rows, model.noise.independent)

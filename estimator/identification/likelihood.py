@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from estimator.core.following import Portion, Signatures, scan_block
 from estimator.core.layout import OUTPUT
 from estimator.effects.declaration import Effect, Parameter, name_of
+from estimator.effects.search import Search
 from estimator.identification.examination import Examination
 from estimator.identification.problem import Effects, Problem
 from estimator.identification.start import begin_moving
@@ -181,6 +182,11 @@ class Layout(ABC):
         """Places of the base model's constants."""
         return self.of("")
 
+    @property
+    def has_default(self) -> Sequence[tuple[str, str]]:
+        """Searched parameters that need not be searched for: of which effect, and their names."""
+        return ()
+
     @abstractmethod
     def effects_of(self, model: "Model") -> Effects:
         """The effects of a model with their parameters as they are in its theta, SI."""
@@ -218,10 +224,17 @@ class ObserverLayout(Layout):
         self.mean = np.array([*observer.x[observer.states + self.index], *values])
         reach = reach_of(problem)
         known = [spread[i] if i < base else reach * coefficients[i - base][1].plausible for i in free]
-        self.deviation = np.array([*known, *(abs(value) for value in values)])
+        # Where an effect begins is a start, and no measurement.
+        begun = [0.0 if i < base else abs(mean) for i, mean in zip(free, self.mean, strict=False)]
+        self.deviation = np.array([*np.maximum(known, begun), *(abs(value) for value in values)])
         lowest = [-np.inf if i < base else coefficients[i - base][1].least for i in free]
         self.least = np.array([*lowest, *(1e-3 * value for value in values)])
         self.most = np.full(len(self.names), np.inf)
+        rings = {effect.coefficients[0].name for effect in self.effects if effect.search is Search.RINGS}
+        for k in [k for k in range(len(free)) if self.names[k] in rings]:
+            # Nearer to the line that was found than to the resonance, or it would be no other mode.
+            apart = 0.5 * abs(float(self.mean[k]) - 1.0)
+            self.least[k], self.most[k] = self.mean[k] - apart, self.mean[k] + apart
         self.step = observer.h
 
     def bounded(self, theta: Array) -> Array:
@@ -246,6 +259,11 @@ class ObserverLayout(Layout):
         for k, (name, p) in enumerate(self.searched, start=len(self.index)):
             effects[name][p.name] = float(model.theta[k] * self.factor[k])
         return effects
+
+    @property
+    def has_default(self) -> Sequence[tuple[str, str]]:
+        """Searched parameters whose declaration has a value."""
+        return [(effect, parameter.name) for effect, parameter in self.searched if parameter.default is not None]
 
     def shifted(self, model: "Model") -> list[tuple["Model", float]]:
         """Models with one of the searched parameters shifted, in their order, and by how much each was."""

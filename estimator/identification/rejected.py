@@ -39,7 +39,7 @@ def rejected(
     """
     last = found.rounds[-1]
     alone = {score.name: score.gain for score in found.rounds[0].table}
-    fitted = {name: 2.0 * (one.objective - last.base.objective) for name, one in last.fitted}
+    fitted = {name: one.rise_over(last.base) for name, one in last.fitted}
     members = {kind(member.name): kind(name) for name, group in groups.items() for member in group}
     named = {kind(name) for name in groups} - {kind(name) for name in failed}
     least = margin(len({kind(score.name) for score in last.table}))

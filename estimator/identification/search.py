@@ -83,9 +83,9 @@ def forward(
         tested = of.candidates(now.model, now.evaluation)
         kinds = max(kinds, len({kind(name) for name in tested}))
         tables = scored(of, now, tested)
-        ranked = _fitted(of, now, shortlisted(of, tables, margin(kinds)))
+        ranked = _fitted(of, now, shortlisted(of, tables, now.evaluation.share * margin(kinds)))
         best = next((pair for pair in ranked if not impossible(of, *pair)), None)
-        taken = best is not None and best[1].criterion - now.criterion > margin(kinds)
+        taken = best is not None and best[1].surplus_over(now) > margin(kinds)
         rounds.append(Round(now, tables[0], tuple(ranked), best[0] if best is not None and taken else None))
         if best is None or not taken:
             break
@@ -212,6 +212,20 @@ def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
         if not less.evaluation.sound:
             break
         fitted = less
+    return fitted
+
+
+def with_defaults(of: Likelihood, fitted: FittedModel) -> FittedModel:
+    """Parameters that were searched for are where the declarations of their effects have them, if the record tells no
+    better: each costs as any other does.
+    """
+    for name, parameter in fitted.layout.has_default:
+        effects = {other: dict(given) for other, given in fitted.layout.effects_of(fitted.model).items()}
+        del effects[name][parameter]
+        layout = of.layout(effects)
+        model = Model(effects, carried_over(fitted, layout), fitted.model.noise)
+        simpler = settle(of, at(of, layout, model))
+        fitted = simpler if simpler.criterion > fitted.criterion else fitted
     return fitted
 
 

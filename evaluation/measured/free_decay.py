@@ -4,8 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.simulation import simulate
-from evaluation.measured.oscillator import declared, described, imported, judged, record_of, traced
+from evaluation.measured.oscillator import confirmed, declared, described, errors_on, imported, record_of, traced
 from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 
 _RECORDS = {
@@ -20,15 +19,11 @@ def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
     capture = imported(data / file, work, name, nonuniform=nonuniform)
     record = record_of(capture)
     first, last = capture.segments["train"], capture.segments["test"]
-    trace = traced(record.part(slice(*first)), name, 0, say)
+    trace, verdict, against = confirmed(name, traced(record.part(slice(*first)), name, say), record)
     device, _ = declared(name)
-    errors = [
-        record.sense - simulate(observer, fit.state, record.drive, step=record.step).sensed
-        for observer, fit in ((trace.observer_before, trace.before), (trace.observer, trace.after))
-    ]
+    errors = errors_on(record, name, trace, fitted=True)
     before, after = (rms(error[slice(*last)]) for error in errors)
-    verdict, against = judged(record.part(slice(*first)), name, trace, record.part(slice(*last)))
-    effects = list(trace.effects)
+    effects = trace.named
     rows = [MeasuredRow(folder, "test", "free-run RMSE", unit, factor * before, factor * after, verdict, effects)]
     signal = record.sense[slice(*last)] - np.mean(record.sense[slice(*last)], axis=0)
     share = 100.0 / rms(signal)

@@ -1,12 +1,19 @@
 """A measured oscillator from its files to a trace: imported by its map, declared by its bench file."""
 
+from dataclasses import replace
 from pathlib import Path
 
+from estimator.chance import TWO_SIDED
+from estimator.identification.checks import CHECKS, deviations
+from estimator.identification.chosen import Chosen, choose
+from estimator.identification.free_run import FreeRun
+from estimator.identification.named import constants_of, effects_of
 from estimator.identification.problem import Problem
+from estimator.identification.result import share_of, verdict_of
+from estimator.identification.trace import evidence_of, judge
 from estimator.record import Record
+from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.trace import free_run
-from estimator.trace.by_simulation import SimulationTrace, trace_by_simulation
 from evaluation.measured.outcome import Say
 from hil.bench import examples, load_bench
 from hil.importing.importer import import_record
@@ -33,39 +40,67 @@ def record_of(capture: Capture) -> Record:
     return Record(samples.sense, samples.drive, samples.step)
 
 
-def judged(record: Record, name: str, trace: SimulationTrace, test: Record) -> tuple[str, tuple[str, ...]]:
-    """The word on `test` of what was found on `record`, as `hil trace` has it, and what speaks against it."""
-    verdict, against = free_run.judged(free_run.claimed(Problem(record, *declared(name)), trace, test))
-    return verdict.value, against
+def confirmed(name: str, chosen: Chosen, whole: Record) -> tuple[Chosen, str, tuple[str, ...]]:
+    """What was chosen, less effects that the checks take out again, on a record that begins with the part that was
+    fitted; the word, as `hil trace` has it, and what speaks against more.
+    """
+    problem, split = Problem(whole, *declared(name)), chosen.of.samples
+    of = FreeRun(problem)
+    before = of.examined(constants_of(chosen.before), effects_of(chosen.before), split)
+    found = judge(problem, of, chosen, before, split)
+    against = tuple(check.sentence for check in found.checks if not check.passed)
+    return replace(chosen, after=found.evidence.model), found.verdict.value, against
 
 
-def traced(record: Record, name: str, skip: int, say: Say) -> SimulationTrace:
+def judged(name: str, chosen: Chosen, test: Record) -> tuple[str, tuple[str, ...]]:
+    """The word on `test`, a record by itself, of what was chosen, and what speaks against it."""
+    evidence = evidence_of(FreeRun(Problem(test, *declared(name)), fitted=False), chosen, chosen.after, None, None)
+    checks = [check for checker in CHECKS for check in checker(evidence)]
+    word = verdict_of(list(evidence.without), checks, share_of(evidence) if evidence.without else None)
+    return word.value, tuple(check.sentence for check in checks if not check.passed)
+
+
+def traced(record: Record, name: str, say: Say) -> Chosen:
     """Effects of a record by its free run."""
-    device, settings = declared(name)
 
     def progress(what: str, done: int, total: int) -> None:
         say(f"{name}: {what} {done}/{total}")
 
-    return trace_by_simulation(Problem(record, device, settings), skip, progress)
+    return choose(FreeRun(Problem(record, *declared(name))), progress)
 
 
-def described(trace: SimulationTrace) -> list[str]:
-    """What was found, in Markdown: equations, coefficients with intervals, look-alikes, what was left out."""
+def errors_on(record: Record, name: str, chosen: Chosen, *, fitted: bool = False) -> tuple[Array, Array]:
+    """What free runs (n, axes) V are off on a record, before and after; NaN over its first samples, which tell their
+    start, unless the record is the one that was `fitted`, with what comes after.
+    """
+    of = FreeRun(Problem(record, *declared(name)), fitted=fitted)
+    models = (chosen.before, chosen.after)
+    before, after = (of.evaluate(one.layout, one.model, derivatives=False).innovation for one in models)
+    return before, after
+
+
+def described(chosen: Chosen) -> list[str]:
+    """What was found, in Markdown: equations, coefficients with intervals, look-alikes."""
     lines = []
-    for number, effect in trace.observer.effects:
-        del number
-        if effect.name not in trace.effects:
-            continue
+    of = chosen.of
+    assert isinstance(of, FreeRun)
+    layout, half = chosen.after.layout, TWO_SIDED * deviations(chosen.after)
+    for name in chosen.named:
+        effect = of.effect(name)
+        units = {one.name.partition(":")[0]: one.unit for one in effect.coefficients}
+        units |= {one.name: one.unit for one in effect.parameters}
         parts = []
-        for coefficient in effect.coefficients:
-            low, high = trace.after.interval(coefficient.name)
-            value = trace.after.value(coefficient.name)
-            parts.append(f"{coefficient.name} = {value:.5g} [{low:.5g}, {high:.5g}] {coefficient.unit}")
+        for k in layout.of(name):
+            value, wide = (
+                float(chosen.after.model.theta[k] * layout.factor[k]),
+                float(half[k] * abs(layout.factor[k])),
+            )
+            label, unit = layout.names[k], units[layout.names[k].partition(":")[0]]
+            parts.append(f"{label} = {value:.5g} [{value - wide:.5g}, {value + wide:.5g}] {unit}")
         force = " , ".join(f"+ {e}" for e in (*effect.force, *effect.sense) if e != 0)
-        lines.append(f"- **{effect.name}** (`{force}`): {'; '.join(parts)}; evidence {trace.evidence[effect.name]:.0f}")
-    for taken, other, correlation in trace.alike:
-        lines.append(f"- {taken} and {other} look alike on this record (correlation {correlation:.4f})")
-    for name, reason in trace.rejected.items():
-        if reason.startswith("fits"):
-            lines.append(f"- left out: {name}, which {reason}")
+        lines.append(f"- **{name}** (`{force}`): {'; '.join(parts)}")
+        lines += [
+            f"- {name} and {one.name} look alike on this record (likeness {one.likeness:.4f})"
+            for one in chosen.groups[name]
+        ]
     return ["\n".join(lines)] if lines else ["Nothing was added."]

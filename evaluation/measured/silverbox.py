@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
-from estimator.trace.free_run import free_run_error
-from evaluation.measured.oscillator import declared, described, imported, judged, record_of, traced
+from evaluation.measured.oscillator import declared, described, errors_on, imported, judged, record_of, traced
 from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 
 FOLDER = "silverbox"
@@ -19,17 +18,16 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
     capture = imported(data / "SNLS80mV.csv.gz", work, "silverbox")
     record = record_of(capture)
     train = record.part(slice(*capture.segments["train"]))
-    trace = traced(train, "silverbox", _FIRST, say)
+    trace = traced(train, "silverbox", say)
     device, _ = declared("silverbox")
     rows, panels, against = [], [], []
     for test in _TESTS:
         part = record.part(slice(*capture.segments[test]))
-        before = free_run_error(trace.observer_before, trace.before, part, _FIRST)[_FIRST:]
-        after = free_run_error(trace.observer, trace.after, part, _FIRST)[_FIRST:]
-        verdict, reasons = judged(train, "silverbox", trace, part)
+        before, after = (error[_FIRST:] for error in errors_on(part, "silverbox", trace))
+        verdict, reasons = judged("silverbox", trace, part)
         against += [f"- {test}: {reason}" for reason in reasons]
         errors = (1e3 * rms(before), 1e3 * rms(after))
-        rows.append(MeasuredRow(FOLDER, test, "free-run RMSE", "mV", *errors, verdict, list(trace.effects)))
+        rows.append(MeasuredRow(FOLDER, test, "free-run RMSE", "mV", *errors, verdict, trace.named))
         if test == "multisine":
             spectra = [welch(e[:, 0], device.sample_rate, nperseg=4096) for e in (part.sense[_FIRST:], before, after)]
             names = ("response", "error before", "error after")

@@ -1,7 +1,6 @@
 """Effects that a trace tries only where it is asked to, as a user names them, and what it did not try."""
 
-from collections.abc import Collection, Sequence
-from contextlib import suppress
+from collections.abc import Sequence
 
 from estimator.effects.catalogue import effect_for, names
 from estimator.settings import Device
@@ -18,31 +17,6 @@ def effects_asked(words: Sequence[str], device: Device) -> tuple[str, ...]:
     asked = tuple(dict.fromkeys(name.strip() for word in words for name in word.split(",")))
     tried = tuple(_tried(name, device) for name in asked)
     return tried if device.axes == 1 else ()
-
-
-def not_tried(device: Device, tried: Collection[str]) -> tuple[str, ...]:
-    """Where something is left of a single axis, a sentence for the effects on request that were not asked for, and one
-    for those that no trace tries; tried: names of the effects that the trace named or ruled out.
-    """
-    if device.axes == 2:
-        return ()
-    tried = {name.partition(":")[0] for name in tried}
-    asking, never = [], []
-    for name in (*names(), *(effect.name for effect in device.own)):
-        _, effect = effect_for(name, 2, device.own)
-        if effect.declared_only or effect.on(device.axes) is None or name in tried:
-            continue
-        if effect.on_request:
-            with suppress(InputError):
-                asking.append(_tried(name, device))
-        else:
-            never.append(name)
-    said = []
-    if asking:
-        said.append(f"tried on request only, and not here: {', '.join(asking)}; --also {','.join(asking)} tries them")
-    if never:
-        said.append(f"on a single axis no trace tries {', '.join(never)}; what is left may be one of them")
-    return tuple(said)
 
 
 def _tried(name: str, device: Device) -> str:

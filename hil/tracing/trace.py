@@ -28,7 +28,7 @@ from hil.records.diagnosis import save_diagnosis, to_model
 from hil.records.force import refused, save_force
 from hil.records.force import to_model as force_model
 from hil.replaying.replay import require_fit
-from hil.tracing.also import effects_asked, not_tried
+from hil.tracing.also import effects_asked
 from hil.tracing.envelope import trace_ring_down
 from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor
 from hil.tracing.request import TraceRequest
@@ -91,13 +91,10 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         def told(stage: str, done: int, total: int) -> None:
             progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
-        found = interruptible(lambda: _tracer(device.axes)(problem, split=split, progress=told))
+        found = interruptible(lambda: _tracer()(problem, split=split, progress=told))
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     found = _within_limits(found, bench)
-    if found.verdict.is_open:
-        tried = {one.name for one in found.effects} | {one.name for one in found.rejected}
-        found = replace(found, reasons=(*found.reasons, *not_tried(device, tried)))
     blamed = [(one.name, one.coefficients) for one in found.effects]
     found = replace(found, reasons=(*found.reasons, *drive_words(blamed, device.mass)))
     unnamed: MissingForce | None = None
@@ -125,18 +122,11 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
     return Traced(folder, diagnosis)
 
 
-def _tracer(axes: int) -> Tracer:
-    """The tracer of a device with so many axes.
+def _tracer() -> Tracer:
+    """Its modules are loaded here: after what can be refused without them, and where Ctrl-C need not wait for them."""
+    from estimator.identification.trace import trace as by_likelihood
 
-    Its modules are loaded here: after what can be refused without them, and where Ctrl-C need not wait for them.
-    """
-    if axes == 2:
-        from estimator.identification.trace import trace as by_likelihood
-
-        return by_likelihood
-    from estimator.trace.free_run import trace_free_run as by_free_run
-
-    return by_free_run
+    return by_likelihood
 
 
 def _within_limits(found: traced.Diagnosis, bench: Bench) -> traced.Diagnosis:

@@ -48,6 +48,9 @@ def test_loss_size_and_parameters_are_those_of_least_squares(name: str, other: s
     kept = [k for k, owner in enumerate(model.layout.owner) if owner != name]
     assert found.theta[kept] == pytest.approx(theta[: len(kept)], abs=1e-5)
     assert found.size == pytest.approx(theta[len(kept) :], abs=1e-5)
+    used = np.column_stack([of.base, of.columns[other], of.columns[candidate]])
+    spread = np.sqrt(best / N * np.diagonal(np.linalg.inv(used.T @ used)))
+    assert found.deviation == pytest.approx(spread[len(kept) :], rel=1e-3)
 
 
 def test_the_smallest_loss_is_first_and_that_of_the_same_effect_is_none() -> None:

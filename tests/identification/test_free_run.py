@@ -104,6 +104,20 @@ def test_coloured_error_counts_for_fewer_samples() -> None:
     assert base.evaluation.count.sum() == pytest.approx(base.model.noise.independent * N)
 
 
+def test_models_are_compared_in_the_same_samples() -> None:
+    """However coloured the error of one of them is: n ln(σ²/σ²) of the samples that the other's has independent."""
+    of = likelihood()
+    base, full = fit(of, {}), fit(of, {"cubic_stiffness": {}})
+    share = full.model.noise.independent
+    assert share > 1.5 * base.model.noise.independent
+    expected = share * N * np.log(base.evaluation.scale / full.evaluation.scale)
+    assert full.rise_over(base) == pytest.approx(expected, rel=0.02)
+    assert base.rise_over(full) == pytest.approx(-full.rise_over(base))
+    price = np.log(share * N)
+    assert full.surplus_over(base) == pytest.approx(full.rise_over(base) - price)
+    assert base.surplus_over(full) == pytest.approx(-full.surplus_over(base))
+
+
 def test_part_that_was_not_fitted_finds_its_own_start() -> None:
     of = likelihood()
     found = fit(of, {"cubic_stiffness": {}})

@@ -7,9 +7,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from estimator.diagnosis import Diagnosis, Verdict
+from estimator.identification.fit import fit
 from estimator.identification.free_run import FreeRun
 from estimator.identification.likelihood import Model
 from estimator.identification.problem import Problem
+from estimator.identification.search import with_defaults
 from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.scaling import Array
@@ -116,6 +118,18 @@ def test_friction_under_a_moving_base_is_friction() -> None:
     assert found.verdict in (Verdict.EXPLAINED, Verdict.PARTLY)
     assert named(found) & {"base_vibration", "interference"}
     assert "dry_friction" in named(found)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("speed", "searched"), [(0.01, False), (0.3, True)])
+def test_speed_of_a_friction_is_told_where_the_record_tells_it(speed: float, searched: bool) -> None:
+    """Of the largest velocity about 0.6; one that is as declared costs no parameter."""
+    dry, drive = 0.02 * OMEGA0**2, pushed(800, 0.3)
+    seen = measured(motion(lambda t, x, v: linear(x, v) - dry * np.tanh(v / (speed * OMEGA0)), drive))
+    of = FreeRun(Problem(Record(seen[:, None], drive[:, None, None], np.full(len(seen), 1.0 / RATE)), DEVICE, SETTINGS))
+    found = with_defaults(of, fit(of, {"dry_friction:1": {"v0": 0.05 * OMEGA0}}))
+    assert list(found.model.effects) == ["dry_friction:1"]
+    assert ("v0" in found.layout.names) is searched
 
 
 @pytest.mark.slow

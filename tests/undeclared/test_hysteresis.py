@@ -1,13 +1,13 @@
-"""A spring that slips, hidden in an emulated device: asked for by name, a trace tells its stiffness and its reach."""
+"""A spring that slips, hidden in an emulated device: a trace tells its stiffness and its reach."""
 
 import numpy as np
 import pytest
 
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.identification.problem import Problem
+from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.free_run import trace_free_run
 from tests.emulator.gyro import AMPLITUDE_M, OMEGA, record, scenario, undriven
 
 RATE, SAMPLES, MASS = 4000.0, 8000, 1e-3
@@ -47,7 +47,7 @@ def driven() -> Record:
     return emulated(0.0, 0.02 * K * AMPLITUDE_M * push / np.std(push), True)
 
 
-def traced(what: Record, *asked: str) -> Diagnosis:
+def traced(what: Record) -> Diagnosis:
     device = Device(
         sample_rate=RATE,
         stiffness=(1.004 * K,),
@@ -57,13 +57,13 @@ def traced(what: Record, *asked: str) -> Diagnosis:
         noise=(NOISE_M,),
     )
     settings = ObserverSettings(gain=Gain.EKF, spread=Spread(stiffness=0.02, damping=2.0))
-    return trace_free_run(Problem(what, device, settings, asked=asked), split=round(0.6 * SAMPLES))
+    return trace(Problem(what, device, settings), split=round(0.6 * SAMPLES))
 
 
 @pytest.mark.parametrize("what", [decay, driven])
 @pytest.mark.long
 def test_it_is_named_with_its_coefficients(what) -> None:
-    said = traced(what(), NAME)
+    said = traced(what())
     assert said.verdict is Verdict.EXPLAINED
     (found,) = said.effects
     assert found.name == NAME
@@ -74,15 +74,8 @@ def test_it_is_named_with_its_coefficients(what) -> None:
         assert abs(interval.value - HIDDEN[symbol]) < 1.5 * half, symbol
 
 
-@pytest.mark.long
-def test_it_is_not_tried_where_nobody_asks() -> None:
-    said = traced(decay())
-    assert NAME not in [found.name for found in said.effects]
-    assert NAME not in [one.name for one in said.rejected]
-
-
 @pytest.mark.slow
 def test_a_spring_that_slips_nowhere_is_not_named() -> None:
-    said = traced(decay(hidden=False), NAME)
+    said = traced(decay(hidden=False))
     assert (said.verdict, said.effects) == (Verdict.ADEQUATE, ())
     assert NAME in [one.name for one in said.rejected]

@@ -1,13 +1,13 @@
-"""An element with play, hidden in an emulated device: asked for by name, a trace tells its stiffness and its play."""
+"""An element with play, hidden in an emulated device: a trace tells its stiffness and its play."""
 
 import numpy as np
 import pytest
 
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.identification.problem import Problem
+from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.free_run import trace_free_run
 from tests.emulator.gyro import AMPLITUDE_M, OMEGA, record, scenario, undriven
 
 RATE, SAMPLES, MASS = 4000.0, 8000, 1e-3
@@ -49,7 +49,7 @@ def driven(kp: float, half_width: float, seed: int = 1) -> Record:
     return emulated(0.0, 0.02 * K * AMPLITUDE_M * push / np.std(push), kp, half_width, seed)
 
 
-def traced(what: Record, *asked: str) -> Diagnosis:
+def traced(what: Record) -> Diagnosis:
     device = Device(
         sample_rate=RATE,
         stiffness=(1.004 * K,),
@@ -59,14 +59,14 @@ def traced(what: Record, *asked: str) -> Diagnosis:
         noise=(NOISE_M,),
     )
     settings = ObserverSettings(gain=Gain.EKF, spread=Spread(stiffness=0.02, damping=2.0))
-    return trace_free_run(Problem(what, device, settings, asked=asked), split=round(0.6 * SAMPLES))
+    return trace(Problem(what, device, settings), split=round(0.6 * SAMPLES))
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("what", [decay, driven])
 def test_it_is_named_with_its_coefficients(what) -> None:
     hidden = {"kpx": 0.02 * K, "half_width": 3e-5}
-    said = traced(what(0.02, 3e-5), NAME)
+    said = traced(what(0.02, 3e-5))
     assert said.verdict is Verdict.EXPLAINED
     (found,) = said.effects
     assert found.name == NAME
@@ -77,22 +77,9 @@ def test_it_is_named_with_its_coefficients(what) -> None:
         assert abs(interval.value - true) < 1.5 * half, symbol
 
 
-@pytest.mark.long
-def test_beside_a_spring_that_slips_it_is_told_from_that() -> None:
-    said = traced(decay(0.02, 3e-5), NAME, "hysteretic_stiffness")
-    assert [found.name for found in said.effects] == [NAME]
-
-
-@pytest.mark.long
-def test_it_is_not_tried_where_nobody_asks() -> None:
-    said = traced(decay(0.02, 3e-5))
-    assert NAME not in [found.name for found in said.effects]
-    assert NAME not in [one.name for one in said.rejected]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(("kp", "half_width"), [(0.0, 3e-5), (0.02, 1.2e-4)], ids=["none", "below its half-width"])
 def test_where_no_foot_moves_nothing_is_named(kp: float, half_width: float) -> None:
-    said = traced(decay(kp, half_width), NAME)
+    said = traced(decay(kp, half_width))
     assert (said.verdict, said.effects) == (Verdict.ADEQUATE, ())
     assert NAME in [one.name for one in said.rejected]
