@@ -31,6 +31,7 @@ BENCHMARKS = {
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
     "form_added": "the loop with the form of the missing force beside the loop with the effect it is; ten minutes",
     "custom_effect": "effects of one's own beside the catalogue's of the same form: cost of a step, angle error",
+    "plug_in": "the bench's own estimator as a compiled plug-in beside the one built in: cost of a sample",
     "trace_time": "a trace of a million samples with the whole catalogue",
     "bit_flips": "a thousand single changed bits in the record files of a run, each to be told",
     "kills": "kill -9 of host, loop, recorder and board at random moments",

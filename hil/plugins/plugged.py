@@ -31,11 +31,7 @@ _MOST_GROWTH = 1 << 29  # bytes that a run's process may take more than it had w
 
 
 class Plugged(Observer):
-    """An observer with plug-ins in it; `parts` are theirs, each in the places that it says.
-
-    Attributes:
-        longest_s: longest call of a plug-in so far.
-    """
+    """An observer with plug-ins in it; `parts` are theirs, each in the places that it says."""
 
     def __init__(
         self, device: Device, settings: ObserverSettings, controller: ControllerSettings, parts: Sequence[PluginPart]
@@ -112,11 +108,6 @@ class Plugged(Observer):
     def origin(self) -> dict[str, str]:
         """Whose estimates these are, by place."""
         return {kind: part.name.rpartition("/")[2] for part in self.parts for kind in part.kinds}
-
-    @property
-    def longest_s(self) -> float:
-        """See the class."""
-        return 1e-9 * float(self._plugin.longest_ns)
 
     @property
     def samples(self) -> int:

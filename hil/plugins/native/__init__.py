@@ -143,7 +143,7 @@ class PluginState(ctypes.Structure):
         ("turned", Turned),
         ("device", Device),
         ("step_s", _double),
-        *[(name, _int) for name in ("code_limit", "drive_on", "number", "limit_ns", "longest_ns")],
+        *[(name, _int) for name in ("code_limit", "drive_on", "number", "limit_ns")],
         *[(name, _int) for name in ("begun_pages", "most_pages", "fault", "part", "entry")],
         ("value", _double),
         ("raised", _int),

@@ -41,12 +41,13 @@ static double residual(const plugin_t *plugin, int axis)
            plugin->state[GYRO_PLUGIN_PHI_X + axis];
 }
 
-static void fill_row(plugin_t *plugin)
+/* What the pattern shows, where the plug-in does not say it. */
+static void work_out(plugin_t *plugin)
 {
     const gyro_plugin_device *device = &plugin->device;
-    const gyro_plugin_estimate *said = plugin->estimate;
+    gyro_plugin_estimate *said = plugin->estimate;
     turned_t *turned = &plugin->turned;
-    double *row = plugin->row, k = device->target_stiffness_per_s2, rate = plugin->state[GYRO_PLUGIN_RATE];
+    double k = device->target_stiffness_per_s2, rate = plugin->state[GYRO_PLUGIN_RATE];
     double imposed = plugin->sample->virtual_rotation_rad_s;
     double energy, momentum, other, unused;
     double theta = pattern_of(plugin->state, k, rate + imposed, rate, &energy, &momentum);
@@ -61,8 +62,29 @@ static void fill_row(plugin_t *plugin)
         turned->rate_integral += rate * plugin->step_s;
     }
     double turns = 1.0 / device->angular_gain, set = 0.5 * k * device->amplitude_m * device->amplitude_m;
+    double angle = turns * (turned->theta_zero - turned->theta - turned->virtual_turn);
+    said->angle_pattern_rad = or_else(said->angle_pattern_rad, angle);
+    angle = turns * (turned->plain_zero - turned->plain - turned->virtual_turn);
+    said->angle_plain_rad = or_else(said->angle_plain_rad, angle);
+    said->rate_integral_rad = or_else(said->rate_integral_rad, turns * turned->rate_integral);
+    said->energy_ratio = or_else(said->energy_ratio, energy / set);
+    said->quadrature_ratio = or_else(said->quadrature_ratio, energy > 0.0 ? sqrt(k) * momentum / energy : 0.0);
+}
+
+static bool lacks_some(const gyro_plugin_estimate *said)
+{
+    return isnan(said->angle_pattern_rad) || isnan(said->angle_plain_rad) || isnan(said->rate_integral_rad) ||
+           isnan(said->energy_ratio) || isnan(said->quadrature_ratio);
+}
+
+static void fill_row(plugin_t *plugin)
+{
+    const gyro_plugin_estimate *said = plugin->estimate;
+    double *row = plugin->row;
+    if (lacks_some(said))
+        work_out(plugin);
     for (int axis = 0; axis < 2; axis++) {
-        double deviation = or_else(said->innovation_deviation_V[axis], device->noise_V);
+        double deviation = or_else(said->innovation_deviation_V[axis], plugin->device.noise_V);
         row[ROW_NU + axis] = or_else(said->innovation_V[axis], residual(plugin, axis));
         row[ROW_S + axis] = deviation * deviation;
         if (plugin->sample->lost && isnan(row[ROW_NU + axis]))
@@ -71,13 +93,11 @@ static void fill_row(plugin_t *plugin)
     row[ROW_ANGLE] = said->angle_rad;
     row[ROW_ANGLE_VARIANCE] = said->angle_u_rad * said->angle_u_rad;
     row[ROW_FORCED] = or_else(said->angle_forced_rad, 0.0);
-    row[ROW_PATTERN] =
-        or_else(said->angle_pattern_rad, turns * (turned->theta_zero - turned->theta - turned->virtual_turn));
-    row[ROW_PLAIN] =
-        or_else(said->angle_plain_rad, turns * (turned->plain_zero - turned->plain - turned->virtual_turn));
-    row[ROW_INTEGRAL] = or_else(said->rate_integral_rad, turns * turned->rate_integral);
-    row[ROW_ENERGY] = or_else(said->energy_ratio, energy / set);
-    row[ROW_QUADRATURE] = or_else(said->quadrature_ratio, energy > 0.0 ? sqrt(k) * momentum / energy : 0.0);
+    row[ROW_PATTERN] = said->angle_pattern_rad;
+    row[ROW_PLAIN] = said->angle_plain_rad;
+    row[ROW_INTEGRAL] = said->rate_integral_rad;
+    row[ROW_ENERGY] = said->energy_ratio;
+    row[ROW_QUADRATURE] = said->quadrature_ratio;
 }
 
 #endif

@@ -7,6 +7,7 @@
 #include "watch.h"
 
 #define LOOK_AT_MEMORY 256 /* calls */
+#define FINE_NS 15000000   /* below which the clock has to be fine: the coarse one goes in steps of 4 ms at most */
 
 static bool wrong(plugin_t *plugin, int64_t part, int64_t fault, int64_t entry, double value)
 {
@@ -19,10 +20,16 @@ static bool wrong(plugin_t *plugin, int64_t part, int64_t fault, int64_t entry, 
     return false;
 }
 
+/* The time, as finely as the limit of a call needs it: a coarse clock costs a tenth. */
+static int64_t time_ns(const plugin_t *plugin)
+{
+    return plugin->limit_ns < FINE_NS ? now_ns() : coarse_ns();
+}
+
 static void enter(plugin_t *plugin, int64_t part)
 {
     part_inside = part;
-    entered_ns = now_ns();
+    entered_ns = time_ns(plugin);
     inside = plugin;
 }
 
@@ -30,9 +37,7 @@ static void enter(plugin_t *plugin, int64_t part)
 static bool came_back(plugin_t *plugin, int64_t part)
 {
     inside = NULL;
-    int64_t taken_ns = now_ns() - entered_ns;
-    if (taken_ns > plugin->longest_ns)
-        plugin->longest_ns = taken_ns;
+    int64_t taken_ns = time_ns(plugin) - entered_ns;
     if (plugin->raised)
         return wrong(plugin, part, FAULT_RAISED, 0, 0.0);
     for (int i = 0; i < 5; i++)
@@ -176,12 +181,10 @@ static void drive(plugin_t *plugin, double codes[2])
 {
     const own_t *own = &plugin->own;
     double x[GYRO_PLUGIN_STATES];
-    if (plugin->observe != NULL) {
+    if (plugin->control == NULL) {
         for (int64_t i = 0; i < plugin->states; i++)
             x[i] = plugin->state[i] / own->factors[i];
-        own->follow(own->estimator, plugin->control == NULL ? x : NULL);
-    }
-    if (plugin->control == NULL) {
+        own->follow(own->estimator, x);
         own->control(own->estimator, codes);
     } else if (controlled(plugin, codes)) {
         double rotation = plugin->drive_on == 1 ? plugin->drive->virtual_rotation_rad_s : 0.0;

@@ -73,7 +73,6 @@ typedef struct {
     int64_t drive_on;
     int64_t number;   /* of the sample */
     int64_t limit_ns; /* that a call may take */
-    int64_t longest_ns;
     int64_t begun_pages; /* of memory, when the run began; 0: not looked at */
     int64_t most_pages;  /* that may be added */
 

@@ -17,7 +17,7 @@
 #include "structs.h"
 
 #define MARK 0xA5
-#define MARKED 64 /* bytes before what is lent */
+#define MARKED 16 /* bytes before what is lent */
 #define WORDS 512
 #define LOOK_NS 50000000L
 
@@ -38,6 +38,13 @@ static int64_t now_ns(void)
 {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+static int64_t coarse_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC_COARSE, &now);
     return (int64_t)now.tv_sec * 1000000000 + now.tv_nsec;
 }
 
@@ -161,16 +168,15 @@ static void give_back(lent_t *lent)
 /* Whether the marks around what was lent are as they were. */
 static bool is_whole(const lent_t *lent)
 {
-    static const uint8_t marks[MARKED] = {
-        MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK,
-        MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK,
-        MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK,
-        MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK, MARK,
-    };
+    static const uint64_t marks = UINT64_C(0xA5A5A5A5A5A5A5A5);
+    uint64_t before[MARKED / 8];
     if (lent->pages == NULL)
         return true;
-    size_t behind = (size_t)((lent->size + 15) / 16 * 16 - lent->size);
-    return memcmp(lent->at - MARKED, marks, MARKED) == 0 && memcmp(lent->at + lent->size, marks, behind) == 0;
+    memcpy(before, lent->at - MARKED, sizeof before);
+    for (int64_t at = lent->size; at % 16 != 0; at++)
+        if (lent->at[at] != MARK)
+            return false;
+    return before[0] == marks && before[1] == marks;
 }
 
 /* Pages of memory that this process has asked for. */
