@@ -83,7 +83,8 @@ def course_of(
     cost_us = 1e6 * (time.process_time() - begun) / len(given.samples.tick)
     tick = given.samples.tick[seen.at]
     column = {label: i for i, label in enumerate(seen.names)}
-    estimated = set(observer.estimated)
+    # What a plug-in leaves out is declared, with a deviation of zero.
+    estimated = {label for label in observer.estimated if seen.deviation[-1, column[label]] != 0.0}
     parameters = [label for label in (*STIFFNESS, *DAMPING) if label in estimated]
     damping = [seen.state[:, column[label]] for label in DAMPING]
     _, u = ReportedAngle(bench).follow(

@@ -95,6 +95,21 @@ def test_a_comparison_has_a_row_for_it(tmp_path: Path) -> None:
     assert "13 states, fading" in rows
 
 
+@pytest.mark.slow
+def test_the_textbook_way_stands_beside_the_source_s_on_one_record(tmp_path: Path) -> None:
+    """The template: in-phase and quadrature components in the frame of a locked phase, Lynch's angle."""
+    template = f"{Path(finding.__file__).parent / 'templates' / 'observer.py'}:MyObserver"
+    run = ran(tmp_path, bench())
+    found = hil.compare(run.path, bench(template), truth=tmp_path / "truth.arrow", out=tmp_path / "compared")
+    rows = {row.name: row for row in found.rows}
+    textbook, source = rows["plug-in observer.py:MyObserver"], rows["13 states, fading"]
+    assert textbook.diverged_s is None
+    assert textbook.angle_error_rms_rad is not None
+    assert source.angle_error_rms_rad is not None
+    assert source.angle_error_rms_rad < textbook.angle_error_rms_rad < 0.1
+    assert textbook.stiffness_error is None  # of what it does not estimate
+
+
 @pytest.mark.parametrize(
     ("name", "words"),
     [
