@@ -71,6 +71,8 @@ def at_once(bench: Bench, settings: Mapping[str, float]) -> dict[str, str]:
     reasons = dict.fromkeys(settings, "")
     if not controller.enabled or bench.device.axes != 2:
         return dict.fromkeys(settings, "the loop drives nothing")
+    if controller.plugin is not None:
+        return dict.fromkeys(settings, "the plug-in of [controller] drives, which is made with them")
     if bench.loop.mode == "board":
         return dict.fromkeys(settings, "the board's own controller drives, which is built with them")
     if "dither" in settings and bench.loop.mode == "gain":

@@ -10,6 +10,7 @@ import pytest
 import hil
 from hil.bench import override
 from hil.errors import InputError
+from hil.loop.live_settings import at_once
 from hil.plugins import finding
 from hil.plugins.of_bench import require_supported
 from hil.records.runfolder import RunFolder
@@ -153,6 +154,13 @@ def test_a_controller_that_the_bench_would_move_is_refused() -> None:
     with pytest.raises(InputError, match=r"cannot undo \[effects.drive_gain\]"):
         require_supported(override(bench(OWN), effects, "test"))
     require_supported(override(bench(OWN, OWN), effects, "test"))
+
+
+def test_settings_that_a_plug_in_does_not_hear_of_wait_for_the_next_start() -> None:
+    assert (
+        "the plug-in of [controller] drives" in at_once(bench(None, LAW), {"virtual_rotation": 1.0})["virtual_rotation"]
+    )
+    assert at_once(bench(OWN), {"virtual_rotation": 1.0}) == {"virtual_rotation": ""}
 
 
 def test_a_file_is_looked_for_beside_the_bench_file(tmp_path: Path) -> None:
