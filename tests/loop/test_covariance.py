@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.consistency import declared, true_start, with_drawn_initial_values
+from benchmarks.consistency import declared_bench, true_start, with_drawn_initial_values
 from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.truth import TruthFile, truth_metadata
@@ -121,7 +121,7 @@ def test_without_a_word_about_it_there_are_ten_a_second() -> None:
 @pytest.mark.long
 def test_run_folders_of_many_seeds_are_consistent(tmp_path: Path) -> None:
     """Initial values from P0, the emulator's noise declared: one instant of each run, independent of all others."""
-    scenario, bench = declared("s-slow")
+    scenario, bench = declared_bench("s-slow")
     start, seeds = true_start(scenario), 80
     found = []
     for seed in range(seeds):

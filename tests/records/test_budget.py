@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.completeness.information import Coefficient, Information
+from estimator.completeness.information import Information, ScannedCoefficient
 from hil.verdict.budget import _left, with_clock
 
 U = {"drive_gain": 0.01, "clock": 0.02}
@@ -13,7 +13,7 @@ U = {"drive_gain": 0.01, "clock": 0.02}
 
 def information(normal: np.ndarray, sensitivity: list[float]) -> Information:
     """hx and hy with a plausible size of 0.05, a record that suggests nothing."""
-    coefficients = tuple(Coefficient("drive_gain", symbol, "1", 0.05) for symbol in ("hx", "hy"))
+    coefficients = tuple(ScannedCoefficient("drive_gain", symbol, "1", 0.05) for symbol in ("hx", "hy"))
     return Information(
         coefficients, normal * 0.05**2, np.zeros(2), np.array([0.0, 1.0]), np.array([[0, 0], sensitivity])
     )
@@ -70,7 +70,7 @@ def test_one_axis_alone_says_nothing_of_gain_and_clock() -> None:
     for place, symbol in enumerate(("hx", "hy")):
         one = replace(
             both,
-            coefficients=(Coefficient("drive_gain", symbol, "1", 0.05),),
+            coefficients=(ScannedCoefficient("drive_gain", symbol, "1", 0.05),),
             normal=both.normal[place : place + 1, place : place + 1],
             score=both.score[:1],
             sensitivity=both.sensitivity[:, place : place + 1],
