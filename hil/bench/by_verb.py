@@ -29,8 +29,8 @@ _CALIBRATION = tuple(
     )
 )  # fmt: skip
 
-_OF_A_BOARD, _DRIVEN = "of a board", "what the loop drove is in the record"
-_STOPPED, _VERDICT = "nothing has to be stopped", "of a run's verdict"
+_OF_A_BOARD, _DRIVEN = "only a board needs it", "the drive of the loop is in the record"
+_STOPPED, _VERDICT = "nothing has to be stopped", "only the verdict of a run needs it"
 
 NOT_OF: dict[Verb, dict[str, str]] = {
     "run": {},
@@ -45,9 +45,9 @@ NOT_OF: dict[Verb, dict[str, str]] = {
         **dict.fromkeys((*_CONTROL, "controller.dither_mps2"), _DRIVEN),
         **dict.fromkeys((*_GUARDS, "limits.residual_safe"), _STOPPED),
         **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
-        **dict.fromkeys(("loop.estimate_every", "loop.covariance_every"), "every sample counts"),
-        **dict.fromkeys(_CALIBRATION, "of the angle's uncertainty"),
-        "device.normalised": "a trace tells effects, per unit mass",
+        **dict.fromkeys(("loop.estimate_every", "loop.covariance_every"), "every sample is used"),
+        **dict.fromkeys(_CALIBRATION, "only the angle's uncertainty needs it"),
+        "device.normalised": "a trace reports effects per unit mass",
         "observer.plugin": "a trace fits the bench's own model",
     },
     "compare": {
@@ -81,8 +81,8 @@ def page() -> str:
 _PAGE = """
 ## Keys that a verb has no use for
 
-One bench file serves several verbs. `hil run` uses every key. The others have no use for those below; a value that
-a verb would not do as it says is refused (`[observer] backend` by all but `hil replay`, for example).
+One bench file serves several commands (verbs). `hil run` uses every key. The other verbs ignore the keys below. A verb
+refuses a value that it cannot apply (`[observer] backend` is refused by all but `hil replay`, for example).
 
 | because | verb | keys |
 |---|---|---|

@@ -15,8 +15,8 @@ Relative = Annotated[float, Field(ge=0, lt=1)]
 
 
 class Calibration(Section):
-    """How well the constants are known that no record tells by itself: standard uncertainties (k = 1), each of which
-    becomes a row of the angle's budget. Without a key a usual value is assumed, and marked so."""
+    """Standard uncertainties (k = 1) of constants that a record alone does not determine. Each becomes a row of the
+    angle's uncertainty budget. If a key is not given, a usual value is assumed and the row is marked as assumed."""
 
     angular_gain: Positive = 1.0
     """angle by which the pattern turns for each radian of the board's rotation; 1 for a mass that moves as a whole"""
@@ -25,18 +25,19 @@ class Calibration(Section):
     clock_u: Relative | None = None
     """of the board's sample rate, relative; without it 3e-5 is assumed"""
     drive_gain_u: Relative | None = None
-    """of the force per drive code times the volts per metre, of each axis by itself, relative; without it 0.01 is
-    assumed"""
+    """of the product of force per drive code and volts per metre, for each axis independently, relative; without it
+    0.01 is assumed"""
     drive_misalignment_u: Relative | None = None
     """share of each axis' drive that pushes the other axis; without it 0.002 is assumed"""
     drive_delay_u_s: NotNegative | None = None
-    """delay of each axis' drive beside what the board states; without it 1 mrad of the resonance is assumed"""
+    """delay of each axis' drive in addition to what the board states; without it 1 mrad of the resonance is assumed"""
     sense_gain_ratio_u: Relative | None = None
-    """of the sense gain of y beside that of x, relative; without it 0.005 is assumed"""
+    """of the ratio of the sense gain of y to that of x, relative; without it 0.005 is assumed"""
     sense_cross_coupling_u: Relative | None = None
     """share of each axis' motion that the other channel senses; without it 0.002 is assumed"""
     sense_delay_u_s: NotNegative | None = None
-    """delay of each sense channel beside what the board states; without it 1 mrad of the resonance is assumed"""
+    """delay of each sense channel in addition to what the board states; without it 1 mrad of the resonance is
+    assumed"""
 
     def known(self, resonance_rad_s: float) -> dict[str, "Known"]:
         """Standard uncertainty of each constant by name, for a device with this resonance."""
@@ -79,7 +80,9 @@ ASSUMED = {
     ),
     "clock": Assumed(3e-5, "1", "a crystal oscillator within ± 50 ppm over temperature and age"),
     "drive_gain": Assumed(
-        0.01, "1", "a trimmed scale factor within ± 2 %, as data sheets of MEMS gyroscopes promise of their sensitivity"
+        0.01,
+        "1",
+        "a trimmed scale factor within ± 2 %, as data sheets of MEMS gyroscopes guarantee for the sensitivity",
     ),
     "drive_misalignment": Assumed(2e-3, "1", "two layers of one die within half a micrometre over 150 µm"),
     "drive_delay": Assumed(1e-3, "s", "an amplifier with its pole at ten times the resonance, known to 1 %"),

@@ -21,13 +21,14 @@ class Sense(Section):
     """The sense chain: voltage per displacement, offset and noise."""
 
     gain_V_per_m: Numbers = Field(examples=[-1e6])
-    """volts per metre at the sense output, signed; one number, or one per axis; per m/s or m/s² as `senses` says; of an
-    envelope in dB, dBV or another level, how many of what 0 dB is"""
+    """volts per metre at the sense output, signed; one number, or one per axis; volts per m/s or per m/s² if `senses`
+    says so; for an envelope in dB, dBV or another level: reference units (0 dB) per metre"""
     senses: Literal["displacement", "velocity", "acceleration", "envelope"] = "displacement"
-    """what the channel shows: of two axes the displacement, or the velocity, as a piezoelectric current does; envelope:
-    the amplitude of a ring-down"""
+    """what the channel measures; with two axes displacement or velocity (the current of a piezoelectric readout);
+    envelope: the amplitude of a ring-down"""
     unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
-    """what a volt of this table is, where the sensor has its own unit: px, µstrain, mm, mm/s, g; as in its record"""
+    """unit to read for V in this table, if the sensor has its own: px, µstrain, mm, mm/s, g; the same as in the
+    record"""
     noise_V: Positive = Field(examples=[1e-4])
     """rms noise of one sample, quantisation included"""
     offset_sd_V: NotNegative = 0.0
@@ -71,8 +72,8 @@ class Drive(Section):
     """The drive chain: what a drive value means and how it acts between two samples."""
 
     unit: DriveUnit = "mps2"
-    """unit of the drive channel: force per mass, force, or a voltage; a board counts in m/s² whatever stands here, to
-    which full_scale is converted"""
+    """unit of the drive channel: force per mass, force, or a voltage; a board always uses m/s², and full_scale is
+    converted to that"""
     full_scale: Positive = Field(examples=[10.0])
     """largest drive magnitude, in `unit`"""
     gain_N_per_V: float | None = None

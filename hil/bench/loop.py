@@ -23,30 +23,30 @@ class Link(Section):
 
 
 class Loop(Section):
-    """The run: whose clock, how long, and from when on it counts."""
+    """The run: its clock, its length, and the start of the scored window."""
 
     clock: Literal["lockstep", "paced", "real"] = "paced"
     """lockstep: the board waits for each answer; paced: emulated board on wall time; real: hardware"""
     mode: Literal["force", "gain", "board"] = "force"
-    """force: the host answers every sample with a drive; gain: the board closes the loop with a matrix from the host,
-    once a block; board: the board's own estimator closes it, and the host permits it to, once a block"""
+    """force: the host answers every sample with a drive; gain: the board closes the loop, and the host sends it a
+    matrix once per block; board: the board's own estimator closes the loop, and the host permits it once per block"""
     block: Annotated[int, Field(ge=2, le=682)] = 250
     """gain and board mode: samples in a block; a multiple or a divisor of estimate_every"""
     filter: Literal["luenberger", "pair"] = "luenberger"
-    """gain mode: what the board makes two signals of each axis by: an observer of the target oscillator, or the sample
-    itself and the one a quarter of a cycle ago"""
+    """gain mode: filter by which the board gets two signals from each axis: luenberger, an observer of the target
+    oscillator; pair, the sample itself and the sample a quarter of a cycle earlier"""
     duration_s: Positive = 30.0
     """length of the run in bench time"""
     settle_s: NotNegative = 5.0
     """start of the scored window, after the run's first sample"""
     seed: Annotated[int, Field(ge=0, le=2**63 - 1)] | None = None
-    """seed of the dither, in either mode, and of an emulated board's noise; without it the dither has a fixed start and
-    the board the scenario's own seed"""
+    """seed of the dither, in either mode, and of an emulated board's noise; without it the dither has a fixed seed and
+    the board uses the seed of the scenario"""
     estimate_every: Annotated[int, Field(ge=1)] = 8
-    """every how many samples the estimates are recorded"""
+    """number of samples between two recorded estimates"""
     covariance_every: Annotated[int, Field(ge=1)] | None = None
-    """every how many samples the whole covariance of the estimates is recorded, a multiple of estimate_every, in gain
-    and board mode of block too; without it about ten times a second"""
+    """number of samples between two recorded covariances of the estimates; a multiple of estimate_every, and in gain
+    and board mode also of block; without it about ten per second"""
     name: RunName = "run"
     """last part of the run folder's name"""
 
@@ -94,21 +94,21 @@ class Controller(Section):
     """The control law that makes the mass an isotropic undamped oscillator, and what is added to it."""
 
     enabled: bool = True
-    """false: the drive stays at zero; of a record: something else drove it, and what it recorded of that counts"""
+    """false: the drive stays at zero; for a record that another controller drove: the recorded drive is used"""
     plugin: Plugin = None
-    """a controller of one's own in the place of the bench's, given as in [observer] plugin; named in both places, one
-    instance is both"""
+    """a controller of your own instead of the bench's, given as in [observer] plugin; if both keys have the same name,
+    one instance does both"""
     target_stiffness_N_per_m: Positive | None = None
     """stiffness of the controlled oscillator; without it the mean of kxx and kyy"""
     energy_gain: NotNegative = 0.02
-    """energy hold, in units of the target frequency"""
+    """gain of the energy control, in units of the target frequency"""
     quadrature_gain: NotNegative = 0.01
-    """quadrature hold, in units of the target frequency"""
+    """gain of the quadrature control, in units of the target frequency"""
     virtual_rotation_rad_s: float = 0.0
     """imposed rotation of the pattern, subtracted from the angle"""
     virtual_reversal_s: NotNegative = 0.0
-    """time between reversals of that rotation, the first after half of it; 0: never. What an error of the drive's gain
-    makes of the rotation stays bounded with it. In gain mode rounded to whole pairs of blocks"""
+    """time between reversals of that rotation, the first after half of it; 0: never. With reversals the angle error by
+    a drive gain error stays bounded. In gain mode rounded to whole pairs of blocks"""
     dither_mps2: NotNegative = 0.0
     """rms of the random force that keeps every parameter excited"""
     amplitude_modulation: Annotated[float, Field(ge=0, lt=1)] = 0.0
@@ -124,7 +124,7 @@ class Controller(Section):
 
 
 class Limits(Section):
-    """What the verdict and the exit code of a run are judged by."""
+    """Limits that decide the verdict and the exit code of a run."""
 
     innovation_ratio: Positive = 1.5
     """largest rms innovation, in units of the noise floor"""
@@ -137,14 +137,14 @@ class Limits(Section):
     angle_rad: Positive = 0.1
     """largest expanded uncertainty (k = 2) of the angle at the end of the scored window"""
     late_fraction: Annotated[float, Field(ge=0, le=1)] = 0.02
-    """largest share of samples without an answer in time: late, not given, or lost on its way"""
+    """largest share of samples whose answer was late, missing, or lost on the link"""
     lost_fraction: Annotated[float, Field(ge=0, le=1)] = 0.05
-    """largest share of samples that are not in the record: lost on the way, or not taken while the board was SAFE"""
+    """largest share of samples that are not in the record: lost on the link, or not taken while the board was SAFE"""
     residual_safe: Positive = 100.0
     """innovation, in units of the noise, above which the host sends SAFE"""
     rearm: Annotated[int, Field(ge=0)] = 3
-    """how often in a run a board is armed again after a stop that does not latch and that the host accounts for"""
+    """how often in a run a board is armed again after a stop that does not latch and that the host can explain"""
     overtime: NotNegative = 0.5
-    """by what fraction of its length a run on wall time may last longer, beside [link] timeout_s"""
+    """a run on wall time may last longer than its length by this fraction, plus [link] timeout_s"""
     standstill_s: Positive = 3600.0
-    """in lockstep: how long a board that says nothing is waited for"""
+    """in lockstep: how long the host waits for a board that sends nothing"""

@@ -47,12 +47,13 @@ class Initial(Section):
 
 
 class ProcessNoise(Section):
-    """How fast the states that the model holds constant may wander, and the force noise on the mass."""
+    """Random walks of the states that the model treats as constant, and the force noise on the mass."""
 
     force_mps2_per_rtHz: NotNegative = 0.0
     """one-sided density of the force noise per mass (Brownian: √(4 kB T d)/m); the drive's is added to it"""
     rate_rad_s_per_rts: NotNegative = 0.0
-    """random walk of the rate, rad/s per √s; for a rate that goes by R in T about R/√T, with 0 it is a constant"""
+    """random walk of the rate, rad/s per √s; about R/√T for a rate that changes by R within T; 0: the rate is
+    constant"""
     offset_V_per_rts: NotNegative = 0.0
     """random walk of the offset, V per √s"""
     stiffness_per_rts: NotNegative = 0.0
@@ -62,23 +63,23 @@ class ProcessNoise(Section):
 
 
 class Observer(Section):
-    """Which states are estimated, by which gain, from which initial value."""
+    """Which states are estimated, by which gain, from which initial values."""
 
     variant: Literal["full", "gyro", "sense"] = "full"
     """full: 13 states; gyro: 11, no sense offsets; sense: 7, parameters taken from [device]"""
     gain: Literal["fading", "ekf", "stationary"] = "fading"
-    """fading: EKF with fading memory; ekf: without; stationary: one gain, by pattern angle and phase of
-    vibration, from the declared device, used one memory_s after acquisition_s"""
+    """fading: EKF with fading memory; ekf: EKF without; stationary: gains in a table over pattern angle and phase of
+    vibration, computed from the declared device, used from one memory_s after acquisition_s"""
     memory_s: Positive | None = None
     """time constant of the fading memory: some hundred cycles, and shorter than a record; without it 1, or ten cycles
-    where those last longer"""
+    if that is longer"""
     acquisition_s: NotNegative = 0.0
     """time before the control law is switched on"""
     backend: Literal["c", "numpy", "filterpy"] = "c"
-    """c: compiled; numpy, filterpy: slow oracles of the same model"""
+    """c: compiled; numpy, filterpy: slow reference implementations of the same model"""
     plugin: Plugin = None
-    """an observer of one's own in the place of the bench's: FILE.py:CLASS, FILE.so, or the name that an installed
-    package brings; a file is looked for beside the bench file, then from here"""
+    """an observer of your own instead of the bench's: FILE.py:CLASS, FILE.so, or a name from an installed package; a
+    file is looked for in the folder of the bench file, then in the working directory"""
     initial_sd: InitialSd = InitialSd()
     """table [observer.initial_sd]"""
     initial: Initial = Initial()

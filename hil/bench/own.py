@@ -22,16 +22,17 @@ Tried = Annotated[
 
 
 class OwnCoefficient(Section):
-    """A number of the law that is estimated with everything else."""
+    """A number of the law that is estimated together with the states."""
 
     unit: str
     """SI per unit mass, `1/(m⁴·s²)` or `1/(m^4 s^2)`"""
     start: float = 0.0
     """initial value"""
     plausible: Positive | None = None
-    """its likely size, the standard deviation of the initial value; without it what makes 0.05 of the spring's force"""
+    """its likely size, the standard deviation of the initial value; without it the value that gives 5 % of the spring's
+    force"""
     positive: bool = False
-    """a negative one would be no such effect, as friction that drives"""
+    """true: a negative value is physically impossible, such as friction that adds energy"""
 
 
 class OwnParameter(Section):
@@ -40,13 +41,13 @@ class OwnParameter(Section):
     unit: str
     """SI"""
     value: float
-    """what it is taken to be"""
+    """its value"""
     tried: Tried = ()
-    """values from which a trace searches; without them `value`"""
+    """values at which a trace starts its search; without them `value`"""
 
 
 class OwnEffect(Section):
-    """An effect of one's own, by its laws."""
+    """An effect of your own, given by its laws."""
 
     title: str = ""
     """what it is called in reports; without it its name"""
@@ -55,11 +56,12 @@ class OwnEffect(Section):
     force_y: str = ""
     """along y"""
     sense_x: str = ""
-    """law of what is added to the sensed displacement along x, m, or to its voltage, V"""
+    """law of the term that is added to the sensed displacement along x, m, or to its voltage, V"""
     sense_y: str = ""
     """along y"""
     carried: bool = True
-    """false: no observer carries it, unless [effects.NAME] gives it initial values; a trace may name it"""
+    """false: the observer's model does not include it, unless [effects.NAME] gives initial values; a trace may name
+    it"""
     coefficients: dict[str, OwnCoefficient] = Field(default_factory=dict)
     """a table for each: unit, start, plausible, positive"""
     parameters: dict[str, OwnParameter] = Field(default_factory=dict)

@@ -8,7 +8,7 @@ from hil.bench.section import NotNegative, Positive, Section
 
 
 class RateSensor(Section):
-    """A rate-output sensor: a static curve and a response, no oscillator in reach."""
+    """A rate-output sensor: a static curve and a response; its oscillator cannot be observed."""
 
     name: str
     """what the device is called in reports"""
@@ -23,9 +23,9 @@ class RateSensor(Section):
     offset_tolerance_V: Positive | None = None
     """how far the output of a good sensor at rest may be from it; without it a tenth of what full rate adds"""
     unit: Annotated[str, Field(min_length=1, max_length=16)] = "V"
-    """what a volt of this table is, where the output has a unit of its own: LSB, deg/s; as in its record"""
+    """unit to read for V in this table, if the output has its own: LSB, deg/s; the same as in the record"""
     range_rad_s: Positive
-    """largest rate for which the data sheet promises the scale factor"""
+    """largest rate for which the data sheet guarantees the scale factor"""
     noise_V: Positive
     """rms noise of one sample of the output"""
     sample_rate_Hz: NotNegative = 0.0

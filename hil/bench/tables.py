@@ -30,8 +30,8 @@ class Tables(Section):
     limits: Limits = Limits()
     """table [limits]"""
     effects: Effects = Field(default_factory=lambda: Effects.model_validate({}))
-    """What the base model lacks and the observer is to carry: one table per effect with initial values of its
-    coefficients, in SI per unit mass (0 where not given). The effects and their coefficients stand in effects.md."""
+    """Effects that the base model lacks and that the observer includes: one table per effect with initial values of its
+    coefficients, in SI per unit mass (0 where not given). The effects and their coefficients are in effects.md."""
 
     @property
     def watchdog_s(self) -> float:

@@ -27,18 +27,18 @@ from hil.bench.toml import toml_value
 INTRODUCTION = """\
 # Bench file
 
-What the data sheet declares about a device, and how the bench is to treat it: TOML, UTF-8, SI units with the
+A bench file declares a device by its data sheet, and sets how the bench treats it: TOML, UTF-8, SI units with the
 unit in the key's name. Keys marked **required** must be given; unknown keys are errors. `bench.schema.json`
 beside this page is the same as a JSON Schema. Both are generated: `python -m hil.bench.text docs/reference`.
 
-Units of the field stand beside those of the model, with their own end of the key:
+Some keys may also be given in units that are usual for gyros. The end of the key names the unit:
 
-| instead of | may stand | unit |
+| instead of | you may write | unit |
 |---|---|---|
 {units}
-Give a quantity once: two keys for one quantity are refused, and both are named. [Resonance, Q, decay time and
-frequency split](#in-place-of-stiffness-and-damping) may stand in `[device]` instead of stiffness and damping. A run
-keeps its bench file in the model's units.
+Give each quantity once: two keys for one quantity are refused, and the message names both. You may give [resonance, Q,
+decay time and frequency split](#in-place-of-stiffness-and-damping) in `[device]` instead of stiffness and damping. A
+run saves its bench file in SI units.
 """
 
 MODES = """
@@ -62,25 +62,25 @@ GRAMMAR = """
 ### Laws
 
 A law has numbers, names, `+ - * / **`, parentheses and the functions {functions}
-of one argument; {longest} characters, {deepest} deep, exponents up to {exponent}, which are numbers. It is parsed,
-never run; what is more than arithmetic is refused. `force_x`, `force_y` come out in m/s², `sense_x`, `sense_y` in m or
-in V: units are checked, and the line that refuses a law says which unit its coefficient should have. A coefficient's
-unit has whole powers. [How to](../how-to.md#-add-an-effect-of-your-own).
+of one argument. It has at most {longest} characters and {deepest} levels of nesting; exponents are numbers up to
+{exponent}. It is parsed, never executed; everything but arithmetic is refused. `force_x` and `force_y` are in m/s²,
+`sense_x` and `sense_y` in m or in V. Units are checked: if they do not fit, the message says which unit the coefficient
+should have. The unit of a coefficient has integer powers. [How to](../how-to.md#-add-an-effect-of-your-own).
 
 | name | unit | what it is |
 |---|---|---|
 {names}
-`abs`, `sqrt`, `r` and `v` are rounded off below 1e-9 of the amplitude, the root of what is below zero is that of zero.
-`sign(vx)` and `sign(vy)` turn over as tanh(v/v_rest) does; `v_rest` is a parameter then, 0.01 amplitude · omega0 where
-[effects.NAME] does not give it. The sign of anything else turns over within a hundredth of amplitude, omega0 and their
+`abs`, `sqrt`, `r` and `v` are smoothed below 1e-9 of the amplitude; the root of a negative number is that of zero.
+`sign(vx)` and `sign(vy)` are smoothed as tanh(v/v_rest). `v_rest` is then a parameter, 0.01 amplitude · omega0 unless
+[effects.NAME] gives it. The sign of any other argument is smoothed within a hundredth of amplitude, omega0 and their
 products.
 """
 
 SENSOR = """
 # Bench file of a rate-output sensor
 
-A sensor that puts out a rate as a voltage has `[device] axes = 0`, and of the sections above only `[device]`, with
-other keys; its schema is `rate-sensor.schema.json`. Its record has a reference for the rate in `rate_rad_s` and its
+A sensor that outputs a rate as a voltage has `[device] axes = 0`. Its bench file has only the section `[device]`, with
+the keys below; its schema is `rate-sensor.schema.json`. Its record has a reference for the rate in `rate_rad_s` and its
 output in `vx_V`.
 """
 

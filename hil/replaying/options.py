@@ -14,5 +14,5 @@ class ReplayOptions(TypedDict, total=False):
     name: RunNameOption
     backend: Annotated[
         Literal["c", "numpy", "filterpy"] | None,
-        Help("Compiled, or one of the slow oracles.  [default: the bench's]"),
+        Help("Compiled, or a slow reference implementation.  [default: the bench's]"),
     ]
