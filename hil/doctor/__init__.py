@@ -1,1 +1,1 @@
-"""What this machine and one link can honestly hold, what is missing, and how to get it."""
+"""`hil doctor`: what this machine and one link can honestly hold, what is missing, and how to get it."""

@@ -1,1 +1,1 @@
-"""The host's side of the loop: handshake, the real-time worker, the run as a whole."""
+"""`hil run`, the host's side of the loop: handshake, the real-time worker, the run as a whole."""

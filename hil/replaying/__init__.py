@@ -1,1 +1,1 @@
-"""Today's estimator on yesterday's record."""
+"""`hil replay`: today's estimator on yesterday's record."""

@@ -1,1 +1,1 @@
-"""Sensors that speak their maker's framing: adapters that turn it into the bench's samples, and their records."""
+"""`hil record`: sensors that speak their maker's framing, adapters to the bench's samples, and their records."""

@@ -1,1 +1,1 @@
-"""Campaigns: many runs on emulated boards that differ in keys of scenario and bench, kept as one data set."""
+"""`hil sweep`: campaigns, many runs on emulated boards that differ in keys of scenario and bench, as one data set."""

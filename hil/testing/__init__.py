@@ -1,1 +1,1 @@
-"""Acceptance tests of a board, for pytest."""
+"""Acceptance tests for pytest: a board, a sensor or a record under test, and what a package that brings one keeps."""

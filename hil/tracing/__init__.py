@@ -1,1 +1,1 @@
-"""From a record to the effect that the model lacks: which part is looked at, by which tracer, what is written."""
+"""`hil trace`: from a record to the effect that the model lacks: which part, by which tracer, what is written."""
