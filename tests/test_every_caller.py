@@ -314,3 +314,43 @@ def test_the_wire_log_reaches_the_loop_from_the_library(place: Callable[[str], P
     at = place("wire log of the library")
     with pytest.raises(hil.WireError, match="has no CAN frames to log"):
         hil.run(at.bench, link=f"inproc:{at.scenario}", out=at.runs, wire_log=at.runs / "bus.log", clock="lockstep")
+
+
+# -- of a trace, by what it is refused with: no search is waited for ---------------------------------------------------
+
+REFUSED: Mapping[str, tuple[TraceOptions, list[str], str]] = {
+    "covariate": ({"covariate": "load_kg"}, ["--covariate", "load_kg"], "belong to several records"),
+    "hold_out": ({"hold_out": ["a"]}, ["--hold-out", "a"], "belong to several records"),
+    "also": ({"also": ["no_such", "play"]}, ["--also", "no_such", "--also", "play"], "no effect 'no_such'"),
+    "fraction": ({"fraction": 0.001}, ["--fraction", "0.001"], "the part to be fitted has"),
+}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def recorded(place: Callable[[str], Place]) -> Place:
+    """A run of a second and a half, to be traced."""
+    at = place("recorded")
+    hil.run(at.bench, link=f"inproc:{at.scenario}", out=at.runs, clock="lockstep", duration_s=1.5)
+    return at
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("option", REFUSED)
+def test_an_option_of_a_trace_reaches_it_from_terminal_and_library(recorded: Place, option: str) -> None:
+    given, flags, says = REFUSED[option]
+    command = [sys.executable, "-m", "hil", "trace", str(newest(recorded.runs)), "--out", str(recorded.runs), *flags]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert says in done.stderr
+    with pytest.raises(hil.InputError, match=says):
+        hil.trace(newest(recorded.runs), out=recorded.runs, **given)
+    with pytest.raises(hil.InputError, match=says):
+        RecordUnderTest(newest(recorded.runs), None, recorded.runs.parent).trace(**given)
+
+
+@pytest.mark.slow
+def test_an_option_of_a_trace_reaches_it_from_a_request(recorded: Place) -> None:
+    with serving(recorded.runs) as there, connect(there.url, there.token()) as client:
+        for given, _, says in REFUSED.values():
+            with pytest.raises(hil.InputError, match=says):
+                client.trace(newest(recorded.runs).name, **given)

@@ -93,4 +93,5 @@ def answer_problems(app: FastAPI) -> None:
             _LOG.error("%s", ending.line, exc_info=error)
             line = fault_line(error, said=False)
             return problem_response(ending.status, line, "the service's output has the details")
-        return problem_response(ending.status, str(error) if isinstance(error, InputError) else ending.line)
+        remedy = _UNDONE if ending.status == NO_ROOM else ""
+        return problem_response(ending.status, str(error) if isinstance(error, InputError) else ending.line, remedy)
