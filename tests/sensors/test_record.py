@@ -22,6 +22,7 @@ from hil.records.result import Result, load_result
 from hil.report import sensor
 from hil.sensors.adapter import find_port
 from hil.sensors.record import record
+from hil.sensors.request import RecordRequest, request_of
 from hil.wire.errors import LinkError
 from tests.sensors.conftest import Install
 
@@ -41,7 +42,8 @@ def quietly(_: Progress) -> None:
 
 
 def go(tmp_path: Path, link: str, seconds: float = 1.0) -> tuple[Capture, Result]:
-    folder = record(find_port(link), link, tmp_path, name="sensor", seconds=seconds, note="n", progress=quietly)
+    request = request_of(link, {"duration_s": seconds, "name": "sensor", "note": "n"})
+    folder = record(request, tmp_path, progress=quietly)
     return read_capture(folder / "capture.arrow"), load_result(folder / "result.json")
 
 
@@ -101,7 +103,7 @@ def test_a_sensor_that_stops(tmp_path: Path) -> None:
         def end(progress: Progress) -> None:
             process.terminate()
 
-        folder = record(port, link, tmp_path, name="sensor", seconds=30.0, note=None, progress=end)
+        folder = record(RecordRequest(port, link, 30.0, "sensor"), tmp_path, progress=end)
     result = load_result(folder / "result.json")
     assert (result.verdict, result.complete) == ("interrupted", True)
     assert "hung up" in result.reasons[0] or "fell silent" in result.reasons[0]
@@ -115,16 +117,7 @@ def test_an_interrupted_record_has_its_page(tmp_path: Path) -> None:
             raise KeyboardInterrupt
 
     with emulated("--sample-rate", "500") as (link, _), pytest.raises(KeyboardInterrupt):
-        record(
-            find_port(link),
-            link,
-            tmp_path,
-            name="s",
-            seconds=30.0,
-            note=None,
-            progress=interrupt,
-            report=sensor.write_report,
-        )
+        record(request_of(link, {"duration_s": 30.0}), tmp_path, progress=interrupt, report=sensor.write_report)
     (page,) = tmp_path.glob("*/report.html")
     assert "Interrupted" in page.read_text(encoding="utf-8")
 
