@@ -443,3 +443,46 @@ def test_a_record_whose_constant_is_elsewhere_does_not_agree() -> None:
             assert "a does not agree with what the records share" in first.sentence
             assert "first of b1" in first.sentence
             assert float(first.sentence.rsplit("by ", 1)[1].split()[0]) == pytest.approx(scores[0, 1] / 900.0, rel=0.01)
+
+
+def test_where_a_record_begins_is_as_sure_whatever_share_of_the_samples_is_independent() -> None:
+    rng = np.random.default_rng(4)
+    members = [Member(f"run {i}", decay(rng, a, cubic=0.0)) for i, a in enumerate((2e-3, 1e-3, 1.5e-3))]
+    whole = pooled(*pool(members, None).divided((2,)), FreeRun)
+    layout = whole.part(slice(0, whole.fitted_samples)).layout({})
+    assert isinstance(layout, PooledLayout)
+    spread = layout.spread(0.25)
+    np.testing.assert_array_equal(spread[layout.start], layout.deviation[layout.start])
+    np.testing.assert_allclose(spread[layout.constants], 2.0 * layout.deviation[layout.constants])
+
+
+def test_a_record_that_was_not_fitted_begins_at_the_mean_of_those_that_were() -> None:
+    rng = np.random.default_rng(4)
+    members = [Member(f"run {i}", decay(rng, a, cubic=0.0)) for i, a in enumerate((2e-3, 1e-3, 1.5e-3))]
+    whole = pooled(*pool(members, None).divided((2,)), FreeRun)
+    layout = whole.part(slice(0, whole.fitted_samples)).layout({})
+    assert isinstance(layout, PooledLayout)
+    alone, chart = layout.of_record(whole.judges[0])
+    own = [k for k in range(len(alone.names)) if k >= layout.common]
+    np.testing.assert_allclose(chart[own].sum(axis=1), 1.0)
+    np.testing.assert_array_equal(np.count_nonzero(chart[own], axis=1), 2)
+
+
+def test_what_a_records_layout_bounds_is_bounded_in_the_pool() -> None:
+    """A friction that turns over within less than it slows the mass by from one sample to the next."""
+    rng = np.random.default_rng(4)
+    members = [Member(f"run {i}", decay(rng, a, cubic=0.0)) for i, a in enumerate((2e-3, 1e-3, 1.5e-3))]
+    whole = pooled(*pool(members, None).divided((2,)), FreeRun)
+    of = whole.part(slice(0, whole.fitted_samples))
+    found = of.candidates(Model({}, of.layout({}).mean, of.declared_noise()), of.evaluate(
+        of.layout({}), Model({}, of.layout({}).mean, of.declared_noise())
+    ))  # fmt: skip
+    name = next(one for one in found if one.startswith("dry_friction"))
+    layout = of.layout({name: found[name]})
+    assert isinstance(layout, PooledLayout)
+    alone, chart = layout.of_record(of.parts[0])
+    theta = layout.mean.copy()
+    theta[layout.of(name)[0]] = 1e3
+    bounded = layout.bounded(theta)
+    np.testing.assert_allclose((chart @ bounded)[: layout.common], alone.bounded(chart @ theta)[: layout.common])
+    assert not np.array_equal(bounded, theta)
