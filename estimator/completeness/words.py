@@ -39,7 +39,7 @@ def in_words(
     if left:
         beside = "beside what is harmless, the" if harmless else "the"
         return "; ".join([f"{beside} residual is explained by no effect known: {', '.join(left)}", *small])
-    return "; ".join(small) or f"none of the {watched} effects looked for explains more than chance would"
+    return "; ".join(small) or f"none of the {watched} effects tested is significant"
 
 
 def told(found: Sequence[Lacking]) -> str:

@@ -46,7 +46,7 @@ app = typer.Typer(
     callback=_hil,
     help="Hardware-in-the-loop bench for angle-measuring gyros: close the loop with a board, real or "
     "emulated, record everything, and judge the angle.",
-    epilog="Start with: hil demo. Exit codes: 0 good, 1 the verdict is against it, 2 bad input, 3 a fault of the "
+    epilog="Start with: hil demo. Exit codes: 0 good, 1 the verdict is not good, 2 bad input, 3 a fault of the "
     "program, 130 interrupted.",
     add_completion=False,
     pretty_exceptions_enable=False,

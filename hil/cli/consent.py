@@ -26,19 +26,19 @@ def require(link: str, bench: "Bench", *, given: bool) -> None:
         print(printable(f"  {name:<20} {value}"), file=sys.stderr)
     print("Arm it? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise InputError(f"{link}: not armed, as you wished")
+        raise InputError(f"{link}: not armed, since the answer was no")
 
 
 def have_it_turned(turn: "Turn") -> None:
     """Wait until somebody turns the gyro, which no host can; where nobody is at a terminal, say so and go on."""
-    how = "By hand will do." if turn.period >= _BY_HAND_S else "A rate table has to; in a longer run a hand will do."
+    how = "You can turn it by hand." if turn.period >= _BY_HAND_S else "Use a rate table, or a longer run by hand."
     print(f"The gyro has to turn while this is recorded: {turn.text}. {how}", file=sys.stderr)
     print(
         "Where its rate changes faster than [observer.process_noise] rate_rad_s_per_rts says, the observer lags.",
         file=sys.stderr,
     )
     if not _at_terminal():
-        print("Nobody is asked, as this is no terminal: it is recorded as it lies.", file=sys.stderr)
+        print("There is no terminal to ask at, so the recording starts now.", file=sys.stderr)
         return
     print("Enter when it turns: ", end="", file=sys.stderr, flush=True)
     sys.stdin.readline()

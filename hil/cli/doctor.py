@@ -18,7 +18,7 @@ _STYLES = {"good": "green", "missing": "yellow", "bad": "red"}
 
 
 def doctor(link: DoctorLink = None, json: Json = False) -> None:
-    """Look at what a loop needs here, and say in one line each what is missing and how to get it.
+    """Check what a loop needs on this machine; one line per item says what is missing and how to get it.
 
     With --link it asks the board for its IDENTITY and measures round trip and jitter on that link. A table says what
     this machine holds there: the highest rate in force mode at a board latency of 1 and 4 ticks, the highest rate in

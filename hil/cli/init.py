@@ -55,11 +55,11 @@ def init(
     replace: Replace = False,
     json: Json = False,
 ) -> None:
-    """Write a bench file to start from, and show what it comes to.
+    """Write a bench file to start from, and show what follows from it.
 
-    Every key is there with its meaning. A board knows its converters, rate and delay: --from-board asks for them.
-    Mass, resonance, Q, amplitude and sense gain come from the data sheet. Give them as options, take them from another
-    bench file with --like, or fill in what is marked REQUIRED; unit and an example stand beside it.
+    It has every key with its meaning. --from-board reads converters, sample rate and delay from the board. Mass,
+    resonance, Q, amplitude and sense gain come from the data sheet. Give them as options, take them from another
+    bench file with --like, or fill in what is marked REQUIRED; a unit and an example are given there.
 
     Examples:
 

@@ -35,7 +35,7 @@ Out = Annotated[Path, typer.Option("--out", "-o", help="Folder in which the run 
 Report = Annotated[
     bool, typer.Option("--report/--no-report", help="Draw report.html; leave it out to save time on many records.")
 ]
-Replace = Annotated[bool, typer.Option("--replace", help="Write over a file that exists already.")]
+Replace = Annotated[bool, typer.Option("--replace", help="Overwrite an existing file.")]
 Seed = Annotated[
     int | None,
     typer.Option("--seed", min=0, max=2**63 - 1, help="Seed of the dither and of an emulated board's noise."),

@@ -55,9 +55,9 @@ _KINDS: tuple[tuple[str, BaseException], ...] = (
 )
 _MEANING = {
     ExitCode.GOOD: "good",
-    ExitCode.AGAINST: "the verdict is against it, or something stays unexplained",
+    ExitCode.AGAINST: "the verdict is not good, or a residual stays unexplained",
     ExitCode.BAD_INPUT: "bad input: one line says what and where",
-    ExitCode.FAULT: "a fault of the program: nothing is said of the board, the record or the model",
+    ExitCode.FAULT: "a fault of the program (bug): the board, the record and the model were not judged",
     ExitCode.INTERRUPTED: "Ctrl-C or SIGTERM",
 }
 

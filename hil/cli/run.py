@@ -16,11 +16,11 @@ DryRun = Annotated[
     bool,
     typer.Option(
         "--dry-run",
-        help="Connect, write the registers and read them back, compare board and bench; show what the bench file comes "
-        "to (resonance, Q, split, drive needed) and question what is improbable; do not arm.",
+        help="Connect, write the registers and read them back, compare board and bench file; show what follows from "
+        "the bench file (resonance, Q, split, drive needed) and warn about improbable values; do not arm.",
     ),
 ]
-Live = Annotated[bool, typer.Option("--live", help="Serve the run's page for as long as it lasts, and open it.")]
+Live = Annotated[bool, typer.Option("--live", help="Serve the run's page during the run, and open it.")]
 
 
 @with_options(LocalRunOptions)
@@ -37,11 +37,12 @@ def run(
     """Connect to a board, arm it, close the loop, record, and report.
 
     Without --link the bench file's [link] url is used. pty:SCENARIO and inproc:SCENARIO start an emulated
-    board. Any other link may lead to something that moves: it is armed with --arm, or after a yes at the
-    terminal. However the run ends, the board is sent SAFE and has to confirm it (docs/safety.md).
+    board. Any other link may drive real hardware: the board is armed only with --arm, or after a yes at the
+    terminal. At every end of a run the host sends SAFE, and the board has to confirm it (docs/safety.md).
 
-    A dry run on wall time also measures what this machine holds on that link: of an emulated board the latency, or the
-    block and sample rate, at which few enough answers are late; of any other the table of hil doctor, without arming.
+    A dry run on wall time also measures how fast this machine answers on that link. For an emulated board it shows the
+    latency, or the block and sample rate, at which the late answers stay within the limit. For any other board it
+    shows the table of hil doctor, without arming.
 
     Examples:
 

@@ -114,7 +114,7 @@ def show_identity(link: str, identity: Mapping[str, Any], bench: "Bench", *, as_
     for name, value in identity.items():
         shown = version_of(value) if name == "firmware" else value
         print(printable(f"  {name:<18}{shown}"))
-    print("the bench file comes to")
+    print("from the bench file")
     print_echo(bench, identity)
 
 

@@ -20,12 +20,12 @@ Add = Annotated[
     Path | None,
     typer.Option(
         "--add",
-        help="Bench file to write: the one given, with the effect found, or the form of what is missing, in it.",
+        help="Bench file to write: a copy of the given one with the effect found, or the form of the missing force.",
     ),
 ]
 Live = Annotated[
     bool,
-    typer.Option("--live", help="Make the experiment that tells apart what the record cannot, on the board at --link."),
+    typer.Option("--live", help="Make the experiment that separates an ambiguity group, on the board at --link."),
 ]
 More = Annotated[
     list[Path] | None,
@@ -50,13 +50,12 @@ def trace(
 ) -> None:
     """Find the effect that the model lacks.
 
-    Runs the observer of the bench file over the record and examines the residual.
-    Tries the effects of the catalogue, and those that the bench file or a package declares, on one part of the
-    record, and judges them on the rest. Several records are traced together; each has a start of its own, and whole
-    records are kept to judge by. Writes diagnosis.json and report.html. Exit code 0: nothing is missing, or what is
-    missing has been found; 1: something is missing, and nothing accounts for all of it.
-    Where something is left, the missing force is estimated without a name: the report draws it and proposes a form,
-    force.arrow has it sample by sample (hil export makes CSV of it).
+    Runs the observer of the bench file over the record and tests its residual. Fits the effects of the catalogue, and
+    those that the bench file or a package declares, on one part of the record, and tests them on the rest. Several
+    records are traced together; each has its own initial conditions, and whole records are held out. Writes
+    diagnosis.json and report.html. Exit code 0: the model lacks nothing, or the missing effect was found; 1: the model
+    lacks something that no effect explains completely. If a residual is left, the missing force is estimated: the
+    report shows it and proposes a form, and force.arrow has it sample by sample (hil export converts it to CSV).
 
     Examples:
 

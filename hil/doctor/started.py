@@ -13,7 +13,7 @@ from hil.records.setting import Setting
 from hil.verdict.holds import held, loop_changes, own_setting
 from hil.wire.link_name import Emulated, parse_link
 
-_LOCKSTEP = "no setting of the board holds here, so the run is in lockstep, without a clock"
+_LOCKSTEP = "no setting of the board is slow enough for this machine, so the run is in lockstep"
 
 
 @dataclass(frozen=True)
@@ -82,10 +82,12 @@ def _chosen(
     was = after or own
     before = late.share(was.waits_s, bench.loop.duration_s)
     limit = percent(bench.limits.late_fraction, 2)
-    words = f"{told}: {was.words} has {percent(before.expected, 2)} late answers, [limits] late_fraction is {limit}"
+    words = (
+        f"{told}: {was.words} gives {percent(before.expected, 2)} late answers (limit {limit}, [limits] late_fraction)"
+    )
     best = held(late, bench, own, after=after)
     if best is None:
         return Started(None, f"{words}; {_LOCKSTEP}")
-    margin = "" if best.safely else ", a margin that is smaller than wanted"
+    margin = "" if best.safely else ", less margin than wanted"
     chosen = f"the board {becomes} with {best.line}{margin}"
     return Started(best.setting, f"{words}; {chosen}")

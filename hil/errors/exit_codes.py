@@ -8,7 +8,7 @@ class ExitCode(IntEnum):
 
     GOOD = 0
     AGAINST = 1
-    """the verdict is against it, or something stays unexplained"""
+    """the verdict is not good, or a residual stays unexplained"""
     BAD_INPUT = 2
     """one line says what and where"""
     FAULT = 3

@@ -33,4 +33,4 @@ class LocalImportOptions(ImportOptions, total=False):
     out: Annotated[
         Path | str | None, Called("out", "o"), Help("Capture to write.  [default: the file's name with .arrow]")
     ]
-    replace: Annotated[bool, Help("Write over a file that exists already.")]
+    replace: Annotated[bool, Help("Overwrite an existing file.")]

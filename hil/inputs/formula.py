@@ -27,7 +27,7 @@ def formula_of(bench: Bench) -> Formula:
         return Formula("none", "a single axis has no angle")
     if bench.controller.enabled:
         return Formula(
-            "pattern", "formula (11), less the turn by drive forces: the control law makes the gyro isotropic"
+            "pattern", "formula (11), minus the turn by drive forces: the control law makes the gyro isotropic"
         )
     if not (flaw := _flaw(bench)):
         return Formula("pattern", "formula (11): the declared gyro is isotropic and undamped, so no control is needed")

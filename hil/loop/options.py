@@ -36,7 +36,7 @@ class FileOptions(TypedDict, total=False):
     truth: Annotated[
         Path | str | None, Help("File into which an emulated board writes its true states, for `hil score`.")
     ]
-    replace: Annotated[bool, Help("Write over a file that exists already.")]
+    replace: Annotated[bool, Help("Overwrite an existing file.")]
     wire_log: Annotated[Path | str | None, Help("File for the frames of a CAN link: NAME.log (candump), .blf or .asc.")]
 
 

@@ -107,7 +107,7 @@ class BoardClock(_Model):
     def line(self) -> str:
         """The relation in one line."""
         if (found := self.relation) is None:
-            return f"not related to the host's; {self.unknown}"
+            return f"not compared with the host's; {self.unknown}"
         return (
             f"{found.skew_ppm:+.2f} ± {found.skew_uncertainty_ppm:.2f} ppm beside the host's, offset "
             f"{1e-9 * found.offset_ns:.6f} s ± {1e-3 * found.offset_uncertainty_ns:.1f} µs "
@@ -193,8 +193,8 @@ class Holds(_Model):
     @property
     def line(self) -> str:
         """In one line."""
-        late = f"{percent(self.expected, 2)} of the answers late expected"
-        return f"{self.setting.words}: {late} (95{_SPACE}%: at most {percent(self.at_most, 2)})"
+        late = f"{percent(self.expected, 2)} of the answers expected late"
+        return f"{self.setting.words}: {late}, at most {percent(self.at_most, 2)} (95{_SPACE}%)"
 
 
 class Parameter(_Model):

@@ -23,7 +23,7 @@ from hil.records.units import symbol_of
 SD_95 = 1.959964
 """Half width of a 95 % interval in standard deviations of a normal variable."""
 
-_ONE_CLOCK = "in lockstep no clock runs"
+_ONE_CLOCK = "in lockstep the board's time stops until the host answers"
 _NOT_ASKED = "nobody asked the board for its time"
 _LEDGER_ROWS, _STRETCHES = 1 << 20, 16
 _BACK_ROWS = 4096

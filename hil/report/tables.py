@@ -190,7 +190,7 @@ def device(material: Material) -> str:
         bench = parse_table(material.folder.bench, Bench, "bench.toml")
     except InputError:
         return ""
-    return table("The device as declared", ("", "comes to"), [(line.name, line.text) for line in derived(bench)])
+    return table("The device as declared", ("", "value"), [(line.name, line.text) for line in derived(bench)])
 
 
 def _parameter_row(material: Material, symbol: str, entry: Parameter) -> tuple[str, ...]:

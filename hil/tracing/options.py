@@ -18,21 +18,21 @@ class TraceOptions(TypedDict, total=False):
 
     fraction: Annotated[
         Annotated[float, Gt(0.0), Lt(1.0)] | None,
-        Help("Share of the record that is fitted; the rest only judges.  [default: the record's own segments, or 0.6]"),
+        Help("Share of the record that is fitted; the rest is held out.  [default: the record's own segments, or 0.6]"),
     ]
     name: RunNameOption
     report: Annotated[bool, Default(True), Help("Draw report.html; leave it out to save time on many records.")]
     missing_force: Annotated[
         bool | None,
         Help(
-            "Estimate the missing force without a name.  [default: where something is left and a report is drawn]",
+            "Estimate the missing force.  [default: if a residual is left and a report is drawn]",
         ),
     ]
-    also: Annotated[Names, Help("Of a single axis, effects to try that are tried on request only; repeatable.")]
+    also: Annotated[Names, Help("For a single axis: effects to test that are tested only on request; repeatable.")]
     covariate: Annotated[
         Annotated[str, MaxLen(200)] | None,
-        Help("Of several records, the number of each that coefficients may depend on."),
+        Help("For several records: name of a quantity, one value per record, that coefficients may depend on."),
     ]
     hold_out: Annotated[
-        Names, Help("Of several records, the name of one that only judges; repeatable.  [default: a third of them]")
+        Names, Help("For several records: name of one to hold out; repeatable.  [default: a third of them]")
     ]

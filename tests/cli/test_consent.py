@@ -53,7 +53,7 @@ def test_yes_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch, answ
 @pytest.mark.parametrize("answer", ["n\n", "\n", "", "yeah\n"])
 def test_anything_else_is_a_no(bench: Bench, monkeypatch: pytest.MonkeyPatch, answer: str) -> None:
     written = at_terminal(monkeypatch, answer)
-    with pytest.raises(InputError, match="not armed, as you wished"):
+    with pytest.raises(InputError, match="not armed, since the answer was no"):
         consent.require(LINK, bench.with_(controller={"enabled": False}), given=False)
     assert "held at zero" in written.getvalue()
     assert "amplitude" not in written.getvalue()
@@ -80,7 +80,7 @@ def test_turning_waits_for_somebody_at_the_terminal(monkeypatch: pytest.MonkeyPa
     consent.have_it_turned(TURN)
     first, second, asked = written.getvalue().splitlines()
     assert "to and fro in 8 s, at most at 0.5 rad/s (28.6 °/s)" in first
-    assert first.endswith("By hand will do.")
+    assert first.endswith("You can turn it by hand.")
     assert second.endswith("the observer lags.")
     assert asked == "Enter when it turns: "
     assert sys.stdin.read() == "not read\n"
@@ -90,7 +90,7 @@ def test_who_turns_a_gyro_faster_than_a_hand_does_is_told_so(monkeypatch: pytest
     written = at_terminal(monkeypatch, "\n")
     consent.have_it_turned(Turn(5.2, 0.084))
     first = written.getvalue().splitlines()[0]
-    assert first.endswith("A rate table has to; in a longer run a hand will do.")
+    assert first.endswith("Use a rate table, or a longer run by hand.")
 
 
 def test_turning_is_told_where_nobody_can_be_asked(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -98,5 +98,5 @@ def test_turning_is_told_where_nobody_can_be_asked(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(sys, "stderr", written)
     monkeypatch.setattr(sys, "stdin", io.StringIO("not read\n"))
     consent.have_it_turned(TURN)
-    assert "recorded as it lies" in written.getvalue()
+    assert "no terminal to ask at" in written.getvalue()
     assert sys.stdin.read() == "not read\n"

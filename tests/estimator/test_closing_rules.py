@@ -300,7 +300,7 @@ def test_one_constant_is_told_where_the_others_are_as_declared_and_all_where_all
 
 
 def test_nothing_at_all_says_how_much_was_looked_for() -> None:
-    assert in_words([], [], [], 30) == "none of the 30 effects looked for explains more than chance would"
+    assert in_words([], [], [], 30) == "none of the 30 effects tested is significant"
 
 
 def test_what_leaves_most_of_itself_is_said_to_be_nearest_and_has_no_interval() -> None:

@@ -171,7 +171,10 @@ def test_in_lockstep_bench_time_is_the_boards(tmp_path: Path) -> None:
     assert not folder.clock_path.exists()
     assert result.board_clock is not None
     assert (result.board_clock.time_base, result.board_clock.relation) == (TIME_LOCKSTEP, None)
-    assert result.board_clock.line == "not related to the host's; in lockstep no clock runs"
+    assert (
+        result.board_clock.line
+        == "not compared with the host's; in lockstep the board's time stops until the host answers"
+    )
     assert folder.capture is not None
     assert folder.capture.header["time"] == TIME_LOCKSTEP
     assert folder.capture.header["columns"]["tick"]["clock"] == "bench"
