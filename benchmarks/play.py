@@ -17,9 +17,9 @@ from device_emulator.device import Device as Board
 from device_emulator.scenario import Scenario
 from estimator.diagnosis import Diagnosis
 from estimator.identification.problem import Problem
+from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.free_run import trace_free_run
 
 NAME = "play"
 WITH, CLEAN, WITHIN = 24, 12, 12
@@ -121,7 +121,7 @@ def traced(one: Drawn) -> Diagnosis:
         noise=(one.noise_m,),
     )
     settings = ObserverSettings(gain=Gain.EKF, spread=Spread(stiffness=0.02, damping=5.0))
-    return trace_free_run(Problem(recorded(one), device, settings, asked=(NAME,)), split=round(0.6 * _SAMPLES))
+    return trace(Problem(recorded(one), device, settings), split=round(0.6 * _SAMPLES))
 
 
 def rows(say: Say) -> list[Row]:

@@ -89,7 +89,6 @@ class Criterion:
     """What chance gains, and what is told apart."""
 
     chance: float = _set(1e-4, "probability", "Of naming anything on a record to which nothing is to be added.")
-    odds: float = _set(20.0, "to 1", "Of two accounts of a record: what is less sure than that is not told apart.")
 
 
 @dataclass(frozen=True)
@@ -119,28 +118,8 @@ class Scanning:
 class Promises:
     """What the words of a diagnosis promise."""
 
-    floor: float = _set(1.1, "× the noise floor", "The floor is known to 1 %, and a rate that jumps leaves more.")
-    declared: float = _set(
-        4.0, "standard deviations of what is declared", "A device as declared lies outside once in 16,000 times."
-    )
-    part: float = _set(0.5, "of the power above the floor", "What is said to explain a part takes more than it leaves.")
-    minor: float = _set(0.1, "of the largest gain", "Where something is left, what explains less may be made of that.")
     floor_chance: float = _set(
         0.01, "probability", "Of a residual at the floor to lie above what is allowed, where few samples tell."
-    )
-    constant: float = _set(
-        0.05, "of a coefficient", "A spring of r⁴ that is taken for one of r² differs by 0.06 where r moves by a fifth."
-    )
-    laws: int = _set(2, "laws of one characteristic", "A third is a term of a series, which matches any curve.")
-    never: float = _set(6.0, "standard deviations of the noise", "No sample of a record of 10⁸ exceeds it.")
-    outweighed: float = _set(
-        0.5, "of a gain", "A law that stands in for another, with the other sign, gains about as much as that one."
-    )
-    trifle: float = _set(
-        0.02, "of the largest coefficient", "On an axis without the effect, noise and a model's small errors make less."
-    )
-    polarity: float = _set(
-        2.0, "× the declared gain, or its inverse", "A channel the other way round has its gain, but for some percent."
     )
 
 
@@ -160,26 +139,6 @@ class Judgement:
         1e-2, "of the power", "The same beside the resonance, where a rate that jumps leaves some."
     )
     most_floor: float = _set(4.0, "× the predicted power", "A floor above that is no noise of this device.")
-
-
-@dataclass(frozen=True)
-class FreeRuns:
-    """A single axis, by its free run."""
-
-    most: int = _set(6, "effects", "Measured mechanisms have several; a price keeps the rest out.")
-    compared: int = _set(24_000, "samples", "Candidates are compared on so many: a free run is dear.")
-    alike: float = _set(0.98, "correlation of signatures", "Above it a record does not tell two effects apart.")
-    scored_from: int = _set(50, "samples", "They set the state of the free run that is scored.")
-    adequate: float = _set(
-        3.0, "× the noise", "A free run leaves more than an innovation: a constant off by its interval adds up."
-    )
-    tried: int = _set(3, "candidates", "Fitted in earnest, a round: the promise by first order is close.")
-    choice: float = _set(2.0 / 3.0, "of the samples", "On these candidates compete; the rest must agree.")
-    visible: float = _set(0.03, "of a signature", "What must be left of it beside the parameters so far.")
-    block: int = _set(16, "samples", "Every third block of a free response must agree: the end has died away.")
-    on_the_way: int = _set(12, "free runs", "Of a fit that only leads to the next.")
-    beginning: int = _set(64, "samples", "Of a free response, what is fitted first.")
-    longer: int = _set(3, "× the beginning", "The phase of the next beginning is known to less than half a turn.")
 
 
 @dataclass(frozen=True)
@@ -208,23 +167,11 @@ class Symmetries:
 
 
 @dataclass(frozen=True)
-class NamelessForce:
-    """The unknown force of free spectrum that effects have to beat."""
-
-    order: int = _set(64, "samples", "It predicts from so many before at most; a longer memory is a root's.")
-    roots: int = _set(12, "roots", "Two for each of five multiples of the vibration, and two more.")
-    shortest: float = _set(8.0, "samples", "A root's shortest memory: what is shorter, the samples before tell.")
-    repeats: float = _set(8.0, "memories in what is fitted", "A longer memory is seen too seldom to be fitted.")
-    samples: int = _set(60_000, "samples", "Of what is fitted, the last ones that are used: two seconds' work.")
-
-
-@dataclass(frozen=True)
 class Prior:
     """Odds before a record is looked at, of what the model lacks."""
 
     nothing: float = _set(1.0, "parts", "Indifference: each of the three is as likely as the others.")
     effect: float = _set(1.0, "parts", "Of the catalogue, all kinds together and each of them as likely as the next.")
-    other: float = _set(1.0, "parts", "What no catalogue has is no rarer than what one has.")
 
 
 @dataclass(frozen=True)
@@ -285,9 +232,7 @@ class Thresholds:
     scan: Scanning = field(default_factory=Scanning)
     promises: Promises = field(default_factory=Promises)
     judgement: Judgement = field(default_factory=Judgement)
-    nameless: NamelessForce = field(default_factory=NamelessForce)
     prior: Prior = field(default_factory=Prior)
-    free_runs: FreeRuns = field(default_factory=FreeRuns)
     scoring: Scoring = field(default_factory=Scoring)
     symmetries: Symmetries = field(default_factory=Symmetries)
     residual: ResidualLook = field(default_factory=ResidualLook)

@@ -53,21 +53,6 @@ _SIGNS = [
 ]
 
 
-_TRACE = {
-    "by_simulation": "by_simulation by_simulation_rules",
-    "claims": "claims",
-    "criterion": "criterion",
-    "determined": "determined closed_forms",
-    "dispersion": "dispersion",
-    "engine": "engine promised by_simulation",
-    "free_run": "promised free_run closed_forms",
-    "free_run_model": "by_simulation free_run_model",
-    "nameless": "nameless_pieces closed_forms nameless",
-    "nested": "nested",
-    "probability": "probability closed_forms",
-    "promises": "promises promised closed_forms",
-    "sidebands": "sidebands",
-}
 _IDENTIFICATION = {
     "angle": "angle",
     "pool": "pool",
@@ -176,7 +161,6 @@ TESTS: dict[str, list[str]] = {
     "estimator.completeness.turning": _CLOSING,
     "estimator.gaps": ["tests/estimator/test_gaps.py"],
     **{f"estimator.{module}": _of_estimator(tests) for module, tests in _SHARED.items()},
-    **{f"estimator.trace.{module}": _of_estimator(tests) for module, tests in _TRACE.items()},
     **{
         f"estimator.identification.{module}": [f"tests/identification/test_{name}.py" for name in tests.split()]
         for module, tests in _IDENTIFICATION.items()

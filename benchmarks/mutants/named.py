@@ -31,7 +31,6 @@ class Named:
 
 _ANGLE = ("tests/identification/test_angle.py",)
 _LAWS = ("tests/estimator/test_laws.py",)
-_ENGINE = ("tests/estimator/test_engine.py",)
 
 NAMED = (
     Named(
@@ -42,18 +41,6 @@ NAMED = (
         "what is scored as held out includes the fitted part",
         "estimator.identification.examination", "slice(split, len(record) // every * every)",
         "slice(settled, len(record) // every * every)", _ANGLE,
-    ),
-    Named(
-        "a number more costs nothing",
-        "estimator.trace.criterion", "return numbers * math.log(samples)", "return 0.0", _ENGINE,
-    ),
-    Named(
-        "models are ranked without their price",
-        "estimator.trace.engine", "return self.likelihood - self.price", "return self.likelihood", _ENGINE,
-    ),
-    Named(
-        "one clean record in ten is given an effect",
-        "estimator.thresholds", "chance: float = _set(1e-4", "chance: float = _set(1e-1", _ENGINE,
     ),
     Named(
         "the angle's bound is that of one principal axis",

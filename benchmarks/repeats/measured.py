@@ -6,9 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.repeats.agreement import Repeated
+from estimator.chance import TWO_SIDED
+from estimator.identification.checks import deviations
+from estimator.identification.fit import fit
+from estimator.identification.free_run import FreeRun
 from estimator.identification.problem import Problem
 from estimator.scaling import Scaling
-from estimator.trace.free_run_model import fitted
 from evaluation.measured.emps import FILES, motion_in
 from evaluation.measured.inverse_dynamics import fit_forces
 from evaluation.measured.oscillator import declared, imported, record_of
@@ -29,14 +32,14 @@ def silverbox(data: Path, work: Path) -> list[Repeated]:
     fits = []
     for begin in range(first, last - REALISATION, REALISATION):
         part = record.part(slice(begin, begin + REALISATION))
-        fits.append(fitted(Problem(part, device, settings), SILVERBOX, None, slice(50, None)))
-    effects = {effect.name: effect for _, effect in fits[0].observer.effects}
-    symbols = ["kxx", "dxx", "drive_gain_x"] + [c.name for name in SILVERBOX for c in effects[name].coefficients]
+        fits.append(fit(FreeRun(Problem(part, device, settings)), {name: {} for name in SILVERBOX}))
     made = []
-    for symbol in symbols:
-        ends = np.array([one.fit.interval(symbol) for one in fits])
-        values = [one.fit.value(symbol) for one in fits]
-        made.append(Repeated("Silverbox, seven realisations", symbol, values, (0.5 * np.diff(ends)[:, 0]).tolist()))
+    for k, symbol in enumerate(fits[0].layout.names):
+        if symbol not in ("x", "vx", "phi_x"):
+            factor = fits[0].layout.factor[k]
+            values = [float(one.model.theta[k] * factor) for one in fits]
+            halves = [TWO_SIDED * float(deviations(one)[k] * abs(factor)) for one in fits]
+            made.append(Repeated("Silverbox, seven realisations", symbol, values, halves))
     return made
 
 

@@ -18,7 +18,6 @@ from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from estimator.side_by_side import side_by_side
 from estimator.simulation import simulate
-from estimator.trace.free_run_model import estimates_of
 from evaluation.measured.inverse_dynamics import Motion
 
 Effects = Mapping[str, Mapping[str, float]]
@@ -46,9 +45,9 @@ class Carriage:
     def physical(self) -> bool:
         """Whether every coefficient that has one sign only has it."""
         return all(
-            not one.positive or one.value > 0.0
-            for effect in estimates_of(self.observer, self.fit).values()
-            for one in effect.values()
+            not one.positive or self.fit.value(one.name) > 0.0
+            for _, effect in self.observer.effects
+            for one in effect.coefficients
         )
 
     def error_on(self, record: Record, first: int) -> Array:

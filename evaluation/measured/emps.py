@@ -7,7 +7,6 @@ import numpy as np
 
 from estimator.effects.catalogue import effect_for
 from estimator.scaling import Array, Scaling
-from estimator.trace.free_run import verdict_of
 from evaluation.measured.carriage import Carriage, fitted, turnover, with_stribeck
 from evaluation.measured.inverse_dynamics import (
     Filters,
@@ -19,7 +18,7 @@ from evaluation.measured.inverse_dynamics import (
     trace_forces,
 )
 from evaluation.measured.oscillator import declared, imported, record_of
-from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
+from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms, verdict_of
 from hil.records.capture import Capture
 
 FOLDER = "emps"

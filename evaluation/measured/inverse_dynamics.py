@@ -22,8 +22,8 @@ from estimator.effects.declaration import Coefficient, Source
 from estimator.errors import ModelError
 from estimator.model.gyro import vx, x
 from estimator.scaling import Array, Scaling
-from estimator.trace.criterion import extended
-from estimator.trace.engine import Dissent, Estimate, Rules, Score, Trial, choose
+from evaluation.measured.criterion import extended
+from evaluation.measured.engine import Dissent, Estimate, Rules, Score, Trial, choose
 
 BASE = ("inertia", "damping", "stiffness", "offset")
 _REST = 0.01  # of A ω0: about as slow, friction turns over
@@ -181,8 +181,8 @@ class ForceTrace:
 
 @dataclass(frozen=True)
 class ForceModel:
-    """`estimator.trace.engine.Model` of the force domain, fitted to one record while the other must agree; `names` are
-    the candidates, chosen among `known`.
+    """`evaluation.measured.engine.Model` of the force domain, fitted to one record while the other must agree; `names`
+    are the candidates, chosen among `known`.
     """
 
     fitting: Motion

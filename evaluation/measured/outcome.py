@@ -1,11 +1,14 @@
 """What one measured record gives: rows of the table, words, figures."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
+from estimator.diagnosis import Verdict
+from estimator.identification.checks import AT_FLOOR
+from estimator.identification.result import MOST
 from estimator.scaling import Array
 
 Say = Callable[[str], None]
@@ -51,3 +54,13 @@ class Outcome:
 def rms(series: Array) -> float:
     """Root mean square of what is a number in it."""
     return float(np.sqrt(np.nanmean(np.asarray(series) ** 2)))
+
+
+def verdict_of(before: float, after: float, noise: float, effects: Collection[str]) -> Verdict:
+    """The verdict by the error on the held-out part alone, all three in one unit."""
+    if not effects:
+        return Verdict.ADEQUATE if before <= AT_FLOOR * noise else Verdict.UNEXPLAINED
+    if after < before and after <= AT_FLOOR * noise:
+        return Verdict.EXPLAINED
+    gone = (before**2 - max(after, noise) ** 2) / (before**2 - noise**2) if before > noise else 0.0
+    return Verdict.PARTLY if gone > MOST else Verdict.UNEXPLAINED

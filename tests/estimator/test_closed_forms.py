@@ -24,11 +24,6 @@ from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.thresholds_page import page
-from estimator.trace import determined, nameless, promises
-from estimator.trace.free_run import verdict_of
-from estimator.trace.nameless import Contest
-from estimator.trace.probability import NOTHING, OTHER, Account, classes, stated
-from estimator.trace.promises import Claim, Errors
 
 RATE, HZ = 4000.0, 200.0
 OMEGA = 2.0 * math.pi * HZ
@@ -159,76 +154,6 @@ def test_a_part_of_the_estimates_has_the_states_of_its_own_samples() -> None:
     assert part.index.tolist() == [4, 9, 14, 19]
     assert part.state[:, 0].tolist() == [2, 3, 4, 5]
     assert part.innovation.tolist() == list(range(10, 30))
-
-
-def test_something_stood_there_whatever_the_unit() -> None:
-    """Three times the floor before, and a force that is ahead by less than tells two accounts apart."""
-    near = Contest(named=900.0, nameless=901.0, both=902.0, samples=40_000)
-    assert near.lead <= near.bound
-    for unit in (1.0, 1e-4, 1e4):
-        assert promises.outdone(Claim(Errors(3.0 * unit, unit, unit), {"a": {}}, contest=near)) == ()
-        assert promises.outdone(Claim(Errors(1.05 * unit, unit, unit), {"a": {}}, contest=near)) != ()
-
-
-@pytest.mark.parametrize(("off", "verdict"), [(2.9e-4, Verdict.ADEQUATE), (3.1e-4, Verdict.UNEXPLAINED)])
-def test_a_free_run_without_effects_is_adequate_up_to_three_times_the_noise(off: float, verdict: Verdict) -> None:
-    assert verdict_of(off, off, 1e-4, ()) is verdict
-
-
-# -- free responses --------------------------------------------------------------------------------------------------
-
-
-# -- parameters ------------------------------------------------------------------------------------------------------
-
-
-TOP, COVARIANCE = np.array([2.0, 5.0]), np.array([[0.04, 0.01], [0.01, 0.09]])
-
-
-def test_a_root_that_oscillates_has_two_numbers_and_one_that_decays_has_one() -> None:
-    made: Any = SimpleNamespace(roots=(0.9 + 0.1j, 0.5 + 0.0j), power=np.eye(2), cross=np.zeros((6, 2)))
-    assert nameless._Equations.numbers.func(made) == 6 * 2 + 3 + 3  # weights, roots, and a covariance of two axes
-
-
-# -- probabilities ---------------------------------------------------------------------------------------------------
-
-
-def test_where_no_account_has_any_likelihood_it_is_something_else() -> None:
-    found = classes(None, [Account("drag", 1e9), Account(NOTHING, 1e9)], None, is_open=False)
-    assert found.probabilities == {OTHER: 1.0}
-
-
-def test_probabilities_are_stated_of_each_that_is_named_else_once() -> None:
-    accounts = {
-        "drive_gain": (Account("drive_gain", 0.0), Account(NOTHING, 90.0)),
-        "drag": (Account("drag", 0.0), Account(NOTHING, 40.0)),
-    }
-    named = stated(accounts, {"drag": "drag", "drive_gain": "drive_gain"}, (), None, is_open=False)
-    assert [one.effect for one in named] == ["drag", "drive_gain"]
-    assert [max(one.probabilities, key=lambda name: one.probabilities[name]) for one in named] == ["drag", "drive_gain"]
-    (none,) = stated(accounts, {}, (), None, is_open=True)
-    assert none.effect is None
-    assert stated({}, {}, (), None, is_open=False) == ()
-
-
-# -- what is not determined ------------------------------------------------------------------------------------------
-
-
-def known(values: dict[str, float]) -> Any:
-    names = tuple(values)
-    direction = np.array([0.0, *([1.0] * (len(names) - 1))])
-    return SimpleNamespace(
-        free=names, value=lambda name: values[name],
-        known={name: SimpleNamespace(value=1.0, deviation=0.1) for name in names},
-        information=1e6 * np.outer(direction, direction),
-    )  # fmt: skip
-
-
-def test_a_constant_that_is_nothing_is_no_factor_of_what_is_determined() -> None:
-    told = determined._together(known({"phi": 0.0, "k": 2.0, "g": 2.0}), ("phi", "k", "g"))
-    assert told is not None
-    assert told.startswith("k × g, to ±")
-    assert determined._together(known({"phi": 0.0, "k": 2.0}), ("phi", "k")) is None
-    assert determined._together(known({"phi": 0.0}), ("phi",)) is None
 
 
 # -- the residual ----------------------------------------------------------------------------------------------------

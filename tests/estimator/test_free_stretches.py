@@ -12,7 +12,6 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined, refine
 from estimator.simulation import simulate
-from estimator.trace.held_out_error import held_out_error
 from tests.estimator.test_free_run import DEVICE, DRIVE, RATE, SETTINGS, state_of
 
 N = len(DRIVE)
@@ -105,12 +104,3 @@ def test_a_stretch_too_short_to_tell_its_motion_does_not_count() -> None:
     assert not runs.told[140:142].any()
     assert runs.told[142:160].all()
     assert np.all(np.isnan(runs.simulate(state_of(OBSERVER, **TRUE)).sensed[140:142]))
-
-
-def test_what_is_held_out_is_begun_anew_behind_a_gap() -> None:
-    record = holed()
-    error = held_out_error(OBSERVER, state_of(OBSERVER, **TRUE, x=9.0), record, 50)
-    for begin, end in ((0, 50), (140, 190), (303, 353)):
-        assert np.all(np.isnan(error[begin:end]))
-    assert np.nanstd(error) == pytest.approx(DEVICE.noise[0], rel=0.25)
-    assert np.sum(np.isfinite(error)) == (120 - 50) + (300 - 190) + (N - 353)

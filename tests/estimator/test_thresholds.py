@@ -35,7 +35,6 @@ def test_no_module_of_tracing_has_a_tuned_number_of_its_own() -> None:
         ("analysis", "_FAMILIES"),  # how many kinds of finding the module has
         ("analysis", "_SMALLEST_POWER"),  # of a text
         ("spectrum", "_CORRELATED"),  # of a Hann window
-        ("free_run", "_SHOWN"),  # of a picture
     }
     found = set()
     modules = [*(ROOT / "estimator" / "trace").glob("*.py"), *(ROOT / "estimator" / "residual").glob("*.py")]

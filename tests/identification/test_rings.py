@@ -16,12 +16,11 @@ from estimator.identification.pool import Member, Pool
 from estimator.identification.pool_trace import trace_pool
 from estimator.identification.problem import Problem
 from estimator.identification.rings import begun, rings
+from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.free_run import trace_free_run
-from estimator.trace.free_run_model import candidates
 
 RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0
 K, D, NOISE = ITSELF**2, 3.0, 1e-4
@@ -161,10 +160,6 @@ def test_it_is_searched_for_only_where_it_is_asked_for() -> None:
     assert found[f"{NAME}:2"] == dict(zip(("wm", "dm"), second, strict=True))
 
 
-def test_it_is_no_candidate_before_a_line_is_looked_for() -> None:
-    assert NAME not in candidates(device(), ObserverSettings(), (NAME,))
-
-
 def decay(rng: np.random.Generator, ringing: bool) -> Record:
     """A linear decay, V of velocity, and another mode beside it, each from where this record begins."""
     omega = math.sqrt(K - 0.25 * D * D)
@@ -216,7 +211,7 @@ def test_one_mode_alone_needs_no_other() -> None:
 def test_one_decay_tells_it_too_and_predicts_the_part_held_out() -> None:
     """Which begins at another phase of both modes."""
     problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE, asked=(NAME,))
-    found = trace_free_run(problem, split=round(0.6 * SAMPLES))
+    found = trace(problem, split=round(0.6 * SAMPLES))
     assert found.verdict is Verdict.EXPLAINED
     inside(found)
 
@@ -226,7 +221,7 @@ def test_a_displacement_shows_it_in_the_same_form() -> None:
     record = decay(np.random.default_rng(5), True)
     seen = replace(record, sense=record.sense / ITSELF)
     shows = replace(device(Sensed.DISPLACEMENT), noise=(NOISE / ITSELF,))
-    inside(trace_free_run(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
+    inside(trace(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
 
 
 @pytest.mark.long

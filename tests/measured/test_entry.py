@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from estimator.diagnosis import Verdict
-from estimator.trace.free_run import verdict_of
 from evaluation.measured.__main__ import keep
-from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, rms
+from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, rms, verdict_of
 from evaluation.measured.page import write_page
 
 ROW = MeasuredRow("box", "test", "free-run RMSE", "mV", 7.0, 0.25, "explained", ["cubic_stiffness"])

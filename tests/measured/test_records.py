@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.observer import Observer
-from estimator.refinement import refine
-from estimator.trace.free_run import free_run_error
+from estimator.identification.fit import fit
+from estimator.identification.free_run import FreeRun
+from estimator.identification.problem import Problem
 from evaluation.measured import emps, free_decay, rate_table, silverbox
 from evaluation.measured.oscillator import declared, imported, record_of
 from evaluation.measured.outcome import rms
@@ -34,11 +34,11 @@ def test_silverbox_without_effects_has_the_published_error_of_a_linear_model(tmp
     """Free run, fitted to the training part: 6.95, 14.3 and 6.58 mV."""
     capture = imported(folder("silverbox") / "SNLS80mV.csv.gz", tmp_path, "silverbox")
     record = record_of(capture)
-    observer = Observer(*declared("silverbox"))
     train = record.part(slice(*capture.segments["train"]))
-    fit = refine(observer, train.sense, train.drive, step=train.step, rows=slice(50, None))
+    found = fit(FreeRun(Problem(train, *declared("silverbox"))), {})
     for test, expected in (("multisine", 6.95), ("arrow", 14.3), ("arrow_no_extrapolation", 6.58)):
-        residual = free_run_error(observer, fit, record.part(slice(*capture.segments[test])), 50)
+        of = FreeRun(Problem(record.part(slice(*capture.segments[test])), *declared("silverbox")), fitted=False)
+        residual = of.evaluate(found.layout, found.model, derivatives=False).innovation
         assert np.isnan(residual[:50]).all()
         assert 1e3 * np.sqrt(np.nanmean(residual**2)) == pytest.approx(expected, rel=0.01), test
 

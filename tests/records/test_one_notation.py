@@ -8,7 +8,7 @@ import pytest
 import typer
 
 from estimator import diagnosis as traced
-from estimator.trace.engine import Outcome, Score, Tried, gained, tried_reason
+from evaluation.measured.engine import Outcome, Score, Tried, gained, tried_reason
 from hil.cli.show import finish
 from hil.cli.show_diagnosis import print_diagnosis
 from hil.records.diagnosis import to_model

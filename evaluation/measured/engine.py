@@ -11,11 +11,12 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any, Generic, Protocol, TypeVar
 
-from estimator.thresholds import THRESHOLDS
-from estimator.trace.criterion import TIE
 from estimator.written import significant
+from evaluation.measured.criterion import TIE
 
-_SET = THRESHOLDS.promises
+OUTWEIGHED = 0.5  # of a gain: a law that stands in for another, with the other sign, gains about as much
+_TRIFLE = 0.02  # of the largest coefficient
+_POLARITY = 2.0  # × the declared gain, or its inverse
 
 Fit = TypeVar("Fit")
 Look = TypeVar("Look")
@@ -55,7 +56,7 @@ class Estimate:
     @property
     def is_polarity(self) -> bool:
         """Whether a relative gain is of the other sign beyond doubt, and of about the size that is declared."""
-        most = THRESHOLDS.promises.polarity
+        most = _POLARITY
         return self.gain and self.high < -1.0 and 1.0 / most <= -1.0 - self.value <= most
 
 
@@ -376,7 +377,7 @@ def unphysical(coefficients: Mapping[str, Mapping[str, Estimate]]) -> str | None
         there = [estimate.value for estimate in effect.values() if estimate.positive and estimate.low > 0.0]
         largest = max(there, default=0.0)
         for name, estimate in effect.items():
-            if estimate.positive and estimate.high < 0.0 and -estimate.value > _SET.trifle * largest:
+            if estimate.positive and estimate.high < 0.0 and -estimate.value > _TRIFLE * largest:
                 return f"a negative {name}"
             if estimate.gain and estimate.high < -1.0 and not estimate.is_polarity:
                 return f"{name} = {estimate.value:.3g}, a gain of the other sign"
@@ -467,7 +468,7 @@ def _outweighing(unlawful: Mapping[str, Score], trials: Mapping[str, Trial[Fit]]
     """The best of those of a wrong sign, if the best of the others gains far less."""
     best = max(unlawful, key=lambda name: unlawful[name].standing)
     most = max((trial.score.gain for trial in trials.values()), default=0.0)
-    return (best, unlawful[best]) if most < _SET.outweighed * unlawful[best].gain else None
+    return (best, unlawful[best]) if most < OUTWEIGHED * unlawful[best].gain else None
 
 
 def leader(trials: Mapping[str, Trial[Fit]]) -> str:

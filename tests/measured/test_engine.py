@@ -6,9 +6,9 @@ from typing import Any, ClassVar
 
 import pytest
 
-from estimator.thresholds import THRESHOLDS
-from estimator.trace.criterion import TIE
-from estimator.trace.engine import (
+from evaluation.measured.criterion import TIE
+from evaluation.measured.engine import (
+    OUTWEIGHED,
     Dissent,
     Estimate,
     Outcome,
@@ -375,7 +375,7 @@ def test_the_rounds_that_follow_an_exchange_stay_as_they_were():
 def test_what_is_better_by_no_more_than_a_tie_takes_no_place(
     monkeypatch: pytest.MonkeyPatch, behind: float, kept: list[str]
 ) -> None:
-    monkeypatch.setattr("estimator.trace.engine.TIE", 6.0)
+    monkeypatch.setattr("evaluation.measured.engine.TIE", 6.0)
     assert names(drawn(behind=behind)[1]) == kept
 
 
@@ -485,7 +485,7 @@ def test_a_wrong_sign_may_be_asked_for_again_beside_what_was_taken():
             known = {"drag": Estimate(sign, sign - 0.5, sign + 0.5, True), "friction": Estimate(1.0, 0.5, 1.5, True)}
             return {name: {f"{name}_c": known[name]} for name in fit}
 
-    effects = {"drag": Worth(50.0), "friction": Worth(50.0 * THRESHOLDS.promises.outweighed)}
+    effects = {"drag": Worth(50.0), "friction": Worth(50.0 * OUTWEIGHED)}
     assert names(choose(Bent(effects), (), rules())) == ["friction"]
     found = choose(Bent(effects), (), rules(anew=True))
     assert names(found) == ["friction", "drag"]

@@ -4,17 +4,16 @@ import math
 
 import numpy as np
 
-from estimator.thresholds import THRESHOLDS
+_CHANCE = 1e-4  # of naming anything on a record to which nothing is to be added
+_ODDS = 20.0  # of two accounts of a record: what is less sure is not told apart
 
-_SET = THRESHOLDS.criterion
-
-TIE = 2.0 * math.log(_SET.odds)
+TIE = 2.0 * math.log(_ODDS)
 """The same as a difference of twice the log-likelihood."""
 
 
 def threshold(candidates: int) -> float:
     """Significance (log10 of a probability) that chance reaches for none of so many candidates."""
-    return float(-np.log10(_SET.chance / max(candidates, 1)))
+    return float(-np.log10(_CHANCE / max(candidates, 1)))
 
 
 def schwarz(numbers: int, samples: float) -> float:

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from estimator.trace.criterion import TIE, extended, schwarz
+from evaluation.measured.criterion import TIE, extended, schwarz
 
 
 def test_a_tie_is_odds_of_twenty_to_one() -> None:

@@ -1,1 +1,0 @@
-"""Tracing: from the residual of a record to the effect that the model lacks."""
