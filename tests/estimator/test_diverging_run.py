@@ -7,7 +7,7 @@ from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.refinement import refine
 from estimator.simulation import simulate
-from tests.estimator.test_free_run import DEVICE, RATE, SETTINGS, state_of
+from tests.estimator.driven_axis import DEVICE, RATE, SETTINGS, state_of
 
 OBSERVER = Observer(DEVICE, SETTINGS)
 

@@ -12,7 +12,7 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.refinement import Refined, refine
 from estimator.simulation import simulate
-from tests.estimator.test_free_run import DEVICE, DRIVE, RATE, SETTINGS, state_of
+from tests.estimator.driven_axis import DEVICE, DRIVE, RATE, SETTINGS, state_of
 
 N = len(DRIVE)
 TRUE = {"phi_x": 0.004, "kxx": 1.92e5, "dxx": 41.0, "drive_gain_x": 1.0}
