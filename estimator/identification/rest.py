@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from scipy.stats import chi2
 
+from estimator.chance import chi2_isf
 from estimator.record import Record
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
@@ -32,6 +32,7 @@ def moves_until(record: Record, device: Device) -> int:
         mean = np.nansum(rows, axis=1) / np.maximum(seen, 1)
         squares = np.nansum((rows - mean[:, None]) ** 2, axis=1) / noise**2
         chance = THRESHOLDS.criterion.chance / max(stretches, 1)
-        moving = np.flatnonzero(squares > chi2.isf(chance, np.maximum(seen - 1, 1)))
+        least = np.array([chi2_isf(chance, float(max(count - 1, 1))) for count in seen])
+        moving = np.flatnonzero(squares > least)
         last = int(np.max(moving, initial=last))
     return samples if last >= stretches - 1 else max(last, 0) * length

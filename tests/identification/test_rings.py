@@ -132,7 +132,7 @@ def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, 
     itself, samples = 64.0, 128  # bins of half a hertz
     beside = np.zeros(8 * samples // 2 + 1)
     beside[round(order * itself * 2.0)] = 1.0
-    monkeypatch.setattr("estimator.identification.rings.find_peaks", lambda power: (np.flatnonzero(beside), {}))
+    monkeypatch.setattr("estimator.identification.rings.peaks", lambda power: np.flatnonzero(beside))
     found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
     assert bool(found) is told
     beside[[192, 192 + 16 - 1, 192 + 16]] = 1.0  # one and a half, an eighth of the resonance on, and less

@@ -23,6 +23,7 @@ from hil.loop import run as whole
 from hil.loop import worker
 from hil.loop.request import RunRequest
 from hil.records.runfolder import RunFolder
+from hil.tracing.request import request_of
 from tests.loop import gyro
 from tests.loop.test_drive_units import drive_in
 
@@ -142,7 +143,9 @@ def test_every_key_is_read_or_said_to_be_of_no_use(tmp_path: Path, reading: Read
     found: dict[Verb, set[str]] = {"run": left}
     verbs: dict[Verb, Callable[[], Any]] = {
         "replay": lambda: replaying.replay(record, own, tmp_path / "replayed", progress=lambda _: None),
-        "trace": lambda: tracing.trace(record, own, tmp_path / "traced", report=False, progress=lambda _: None),
+        "trace": lambda: tracing.trace(
+            request_of(record, own, {"report": False}), tmp_path / "traced", progress=lambda _: None
+        ),
         "compare": lambda: comparing.compare(
             record, own, tmp_path / "compared", truth=tmp_path / "force.arrow", link=f"inproc:{scenario}",
             progress=lambda _: None,
@@ -198,7 +201,7 @@ def test_the_verbs_refuse_before_they_begin(tmp_path: Path) -> None:
     capture = tmp_path / "none.arrow"
     acts: list[Callable[[], Any]] = [
         lambda: whole.run(RunRequest(own, "inproc:none"), tmp_path / "runs", progress=lambda _: None),
-        lambda: tracing.trace(capture, own, tmp_path / "runs", progress=lambda _: None),
+        lambda: tracing.trace(request_of(capture, own, {}), tmp_path / "runs", progress=lambda _: None),
         lambda: comparing.compare(capture, own, tmp_path / "runs", progress=lambda _: None),
     ]
     for act in acts:
