@@ -186,7 +186,7 @@ def _rows(
     return rows
 
 
-_COVARIANCE = "1: covariance of the estimate, with that of the constants by which forces are taken off"
+_COVARIANCE = "1: covariance of the estimate, with that of the constants by which the turn by drive forces is subtracted"
 
 
 def _words(course: SinceZero) -> Mapping[str, str]:
@@ -195,13 +195,13 @@ def _words(course: SinceZero) -> Mapping[str, str]:
     late = f"{significant(abs(course.stiffness_xy) / 4.0, 4)} rad/s²"
     seconds = quantity(course.seconds, "s")
     return {
-        "drive gain": f"of each axis × half the forced rotation, {forced}",
-        "sense gain ratio": f"× half the forced rotation, {forced}, and half a radian where it is read",
+        "drive gain": f"of each axis × half the turn by drive forces, {forced}",
+        "sense gain ratio": f"× half the turn by drive forces, {forced}, and half a radian at the sense output",
         "drive misalignment": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
         "sense cross coupling": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
         "drive delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
         "sense delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
-        "clock": f"× twice the forced rotation, {forced}",
+        "clock": f"× twice the turn by drive forces, {forced}",
         "angular gain": f"× rotation, {turned}",
     }
 
