@@ -186,7 +186,7 @@ def _rows(
     return rows
 
 
-_COVARIANCE = "1: covariance of the estimate, with that of the constants by which the turn by drive forces is subtracted"
+_COVARIANCE = "1: covariance of the estimate, and of the constants used to subtract the turn by drive forces"
 
 
 def _words(course: SinceZero) -> Mapping[str, str]:
