@@ -12,7 +12,7 @@ from hil.importing.uniformity import numbered
 from hil.inputs.captured import drives_of, samples_of
 from hil.records.capture import Capture, RowFlag
 from hil.records.check import check
-from tests.estimator.test_free_run import DEVICE
+from tests.estimator.driven_axis import DEVICE
 
 STEP = 1e-3
 N = 4000
