@@ -20,22 +20,22 @@ def demo(
     gain_mode: GainMode = False,
     json: Json = False,
 ) -> None:
-    """Close the loop in real time, find what the model lacks, and close it again without that error.
+    """Close the loop in real time, find what the model lacks, and close the loop again with it.
 
-    Starts the board S-undeclared, which has an effect the host is not told of, as a process of its own on a pty; runs
-    observer and controller against it; traces the record; adds what it finds; runs again; scores both runs against the
-    board's truth, and prints the figures of the second beside those of the first. Needs no hardware.
+    Starts the board S-undeclared as a separate process on a pty; it has an effect that the host does not know. Runs
+    observer and controller on it, traces the record, adds the effect found, and runs again. Scores both runs with the
+    board's truth, and prints the figures of both side by side. Needs no hardware.
 
-    With --gain-mode the board is S-modern at 5 kHz, too fast for an answer to every sample: the host observes blocks
-    of samples and sends the board the matrix to close the loop with. That is one run, and nothing is hidden in it.
+    With --gain-mode the board is S-modern at 5 kHz, too fast for an answer to every sample. The host observes blocks
+    of samples and sends the board the matrix that closes the loop. This is one run, without a hidden effect.
 
-    What this machine holds is measured first, for a second and a half, on the same link with the same processes. By
-    that the emulated board is started with the smallest latency (with --gain-mode the block and sample rate) at which
-    few enough answers are late. A line says what was measured and chosen. A run that is late all the same is repeated
-    once with the next choice. Where no choice holds the run is in lockstep.
+    First the demo measures for 1.5 s how late answers are on this machine, with the same link and processes. It starts
+    the emulated board with the smallest latency (with --gain-mode the block and sample rate) at which the late answers
+    stay within the limit. A line says what was measured and chosen. If a run still has too many late answers, it is
+    repeated once with the next setting. If no setting is slow enough, the run is in lockstep.
 
-    Exit code 0: everything claimed was shown, each claim has a line; 1: it was not. Late answers are no claim: they
-    stand in the machine's part of the verdict.
+    Exit code 0: every result under test was shown, one line each; 1: one was not. Late answers do not count: they are
+    in the part `machine` of the verdict.
 
     Examples:
 

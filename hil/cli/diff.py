@@ -26,9 +26,9 @@ Second = Annotated[Path, typer.Argument(metavar="B", help="Another of the same k
 def diff(a: First, b: Second, json: Json = False) -> None:
     """Show two runs, or two traces, side by side.
 
-    Tells the difference of each figure, B less A, with its uncertainty (95 %) where one is known; `apart` marks a
-    difference that is larger. Below stand the keys of the bench files that differ. Exit code 0: the two could be
-    compared.
+    Shows the difference of each figure, B minus A, with its uncertainty (95 %) if it is known; `apart` marks a
+    difference larger than that. Then it lists the keys of the bench files that differ. Exit code 0: the two
+    could be compared.
 
     Examples:
 

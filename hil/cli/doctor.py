@@ -8,7 +8,7 @@ from hil.cli.options import Json
 from hil.errors import printable
 
 DoctorLink = Annotated[
-    str | None, typer.Option("--link", "-l", help="Look at this link, too, and measure it; no real board is armed.")
+    str | None, typer.Option("--link", "-l", help="Check and measure this link too; no real board is armed.")
 ]
 
 if TYPE_CHECKING:
@@ -20,9 +20,9 @@ _STYLES = {"good": "green", "missing": "yellow", "bad": "red"}
 def doctor(link: DoctorLink = None, json: Json = False) -> None:
     """Check what a loop needs on this machine; one line per item says what is missing and how to get it.
 
-    With --link it asks the board for its IDENTITY and measures round trip and jitter on that link. A table says what
-    this machine holds there: the highest rate in force mode at a board latency of 1 and 4 ticks, the highest rate in
-    gain mode, and the smallest block at the board's own rate. Exit code 1: something is in the way.
+    With --link it asks the board for its IDENTITY and measures round trip and jitter on that link. A table shows what
+    this machine can sustain there: the highest rate in force mode at a board latency of 1 and 4 ticks, the highest rate
+    in gain mode, and the smallest block at the board's own rate. Exit code 1: the link cannot be used.
 
     Examples:
 

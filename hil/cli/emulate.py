@@ -9,9 +9,7 @@ from hil.cli.options import Json, Seed, Truth
 ScenarioArgument = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="Scenario file, or the name of an example (s-slow).")
 ]
-BoardLink = Annotated[
-    str, typer.Option("--link", "-l", help="What the board is to be reached by: pty, can:NAME or udp:GROUP:PORT.")
-]
+BoardLink = Annotated[str, typer.Option("--link", "-l", help="Link of the board: pty, can:NAME or udp:GROUP:PORT.")]
 
 Latency = Annotated[
     int | None,
@@ -40,9 +38,9 @@ def emulate(
     Prints one line, `ready serial:/dev/pts/N` or `ready` with the link given, when it can be connected to. Ends with
     Ctrl-C or SIGTERM, or when a lockstep host hangs up.
 
-    --latency and --rate change what the board is and what IDENTITY tells of it; the device stays the scenario's. Of a
-    board that the host starts they stand in the link: pty:SCENARIO?latency=TICKS&rate=HZ. The host goes by IDENTITY. A
-    bench file whose sample_rate_Hz is another is refused. Samples a SENSE are [loop] block of the bench file.
+    --latency and --rate change the board and its IDENTITY; the device stays that of the scenario. If the host starts
+    the board, give them in the link: pty:SCENARIO?latency=TICKS&rate=HZ. The host uses the values of IDENTITY, and
+    refuses a bench file with another sample_rate_Hz. A SENSE has [loop] block samples of the bench file.
 
     Examples:
 

@@ -35,9 +35,9 @@ def export(
 ) -> None:
     """Write a run's capture, estimates, angle, rate or innovation as CSV, Parquet, MAT or MCAP.
 
-    Values are SI, uncertainties beside them. CSV and Parquet hold one table; MAT has a struct for each, MCAP a topic,
-    for PlotJuggler and Foxglove. A capture as Parquet or MAT comes back with `hil import` as it was; CSV leaves out
-    what is then told. Of a trace, its missing force.
+    Values are SI, with uncertainties. CSV and Parquet have one table; MAT has a struct for each table, MCAP a topic
+    (for PlotJuggler and Foxglove). `hil import` reads a capture in Parquet or MAT back without loss. CSV loses some of
+    it, and a message says what. Of a trace, the missing force is exported.
 
     Examples:
 

@@ -10,7 +10,7 @@ from hil.cli.options import BenchArgument, Json, Link, Replace
 Target = Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")]
 Float32 = Annotated[bool, typer.Option("--float32", help="Numbers of 32 bits instead of 64.")]
 Fmu = Annotated[bool, typer.Option("--fmu", help="Pack it as a co-simulation unit of FMI 3.0, too.")]
-Latency = Annotated[int, typer.Option("--latency", min=0, max=15, help="Samples from one to where its drive acts.")]
+Latency = Annotated[int, typer.Option("--latency", min=0, max=15, help="Number of samples from a sample to its drive.")]
 SenseScale = Annotated[
     float | None, typer.Option("--sense-scale", help="Volts of a sense code.  [default: 4 amplitudes in 16 bits]")
 ]
@@ -33,9 +33,9 @@ def generate(
 ) -> None:
     """Write observer, control law and angle of a bench file as C99 for a board, with golden vectors and a test.
 
-    The code is the text that the bench itself runs, cut down to the effects that the file declares: no malloc, no
-    global variables, one struct. The board's codes and its latency are asked of the board at --link, or given as
-    options.
+    The code is the source that the bench itself runs, reduced to the effects that the file declares: no malloc, no
+    global variables, one struct. With --link the scales of the codes and the latency are read from the board;
+    otherwise give them as options.
 
     Examples:
 

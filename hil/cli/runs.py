@@ -54,7 +54,7 @@ def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: 
 
 
 def show(run: Place, json: Json = False) -> None:
-    """Show again what a run or a trace came to; the exit code is its own.
+    """Show the result of a run or a trace again; the exit code is that of the run or trace.
 
     Examples:
 

@@ -18,11 +18,11 @@ Listen = Annotated[
 Insecure = Annotated[bool, typer.Option("--insecure", help="Consent to --listen without TLS, where all can be read.")]
 Certificate = Annotated[Path | None, typer.Option("--tls-cert", help="File with the certificate, for https.")]
 Key = Annotated[Path | None, typer.Option("--tls-key", help="File with its key.")]
-Names = Annotated[list[str] | None, typer.Option("--name", help="Another name that this machine may be called by.")]
-ReadOnly = Annotated[bool, typer.Option("--read-only", help="Clients may only look, and send SAFE.")]
+Names = Annotated[list[str] | None, typer.Option("--name", help="Another host name of this machine.")]
+ReadOnly = Annotated[bool, typer.Option("--read-only", help="Clients may only read, and send SAFE.")]
 Links = Annotated[
     list[str] | None,
-    typer.Option("--link", help="A link that requests may name, beside the bench's own, exactly so; may be repeated."),
+    typer.Option("--link", help="A further link that requests may name, exactly as given here; may be repeated."),
 ]
 Foxglove = Annotated[
     int | None,
@@ -47,8 +47,8 @@ def serve(
 ) -> None:
     """Serve the bench: a live page, the runs and traces that are there, an HTTP interface.
 
-    Prints the address of the page, with a token in it: who has the token has the bench. Ends with Ctrl-C or SIGTERM,
-    after the board was brought to SAFE and its record closed.
+    Prints the address of the page, with a token in it: everybody who has the token can operate the bench. Ends with
+    Ctrl-C or SIGTERM, after the board was brought to SAFE and its record closed.
 
     Examples:
 

@@ -37,11 +37,10 @@ def sweep(
 ) -> None:
     """Run a campaign: one row of figures for each run.
 
-    Each run is an emulated board and the host in lockstep, scored against the board's truth. The campaign file says
-    what differs from run to run (docs/reference/campaigns.md). The rows are Parquet files in OUT/results. The same
-    command again goes on where it was, after Ctrl-C or after a kill, and makes no run twice. OUT/report.html says what
-    the error depends on, and which runs were the worst. Exit code 1: some runs did not run to their end; 3: one of
-    them by a fault of the program.
+    Each run is an emulated board and the host in lockstep, scored with the board's truth. The campaign file says what
+    differs from run to run (docs/reference/campaigns.md). The rows are Parquet files in OUT/results. After Ctrl-C or
+    a kill, the same command continues and makes no run twice. OUT/report.html shows what the error depends on, and
+    the worst runs. Exit code 1: some runs ended early; 3: one of them by a fault of the program.
 
     Examples:
 

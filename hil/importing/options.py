@@ -24,7 +24,7 @@ class ImportOptions(TypedDict, total=False):
         Literal["zoh", "foh", "bandlimited"] | None,
         Help("What the drive did between samples.  [default: the map's, or zoh]"),
     ]
-    nonuniform: Annotated[bool, Help("Accept uneven time, each step with its length, and gaps.")]
+    nonuniform: Annotated[bool, Help("Accept uneven time steps and gaps.")]
 
 
 class LocalImportOptions(ImportOptions, total=False):

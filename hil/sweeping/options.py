@@ -24,6 +24,6 @@ class LocalSweepOptions(SweepOptions, total=False):
     out: Annotated[
         Path | str | None,
         Called("out", "o"),
-        Help("Folder of the results; one with part of them is filled.  [default: runs/NAME]"),
+        Help("Folder of the results; if it has some already, the rest is added.  [default: runs/NAME]"),
     ]
     scheduler: Annotated[str | None, Help("Make the runs on the Dask cluster of this scheduler, tcp://HOST:8786.")]
