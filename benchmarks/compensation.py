@@ -9,9 +9,9 @@ import numpy as np
 from benchmarks.lockstep import ClosedLoop, close_loop, rms
 from benchmarks.row import Row, Say
 from estimator.hold import drive_polynomials
-from estimator.identification.problem import Problem
-from estimator.identification.trace import trace
 from estimator.record import Record
+from estimator.trace.problem import Problem
+from estimator.trace.trace import trace
 from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import draw_record

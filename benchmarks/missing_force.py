@@ -19,10 +19,10 @@ import numpy as np
 
 from benchmarks.row import Row, Say
 from estimator.errors import ModelError
-from estimator.identification.problem import Problem
 from estimator.missing_force.estimate import missing_force
 from estimator.side_by_side import one_worker_each
 from estimator.thresholds import THRESHOLDS
+from estimator.trace.problem import Problem
 from evaluation.undeclared.effects import DRAWABLE, OUTSIDE
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import make

@@ -16,10 +16,10 @@ from device_emulator.device import TRUTH_COLUMNS
 from device_emulator.device import Device as Board
 from device_emulator.scenario import Scenario
 from estimator.diagnosis import Diagnosis
-from estimator.identification.problem import Problem
-from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, Spread
+from estimator.trace.problem import Problem
+from estimator.trace.trace import trace
 
 NAME = "play"
 WITH, CLEAN, WITHIN = 24, 12, 12

@@ -28,8 +28,8 @@ import numpy as np
 
 from benchmarks.row import Row, Say
 from benchmarks.verdicts.campaign import toml_of
-from estimator.identification.experiments import Turn
 from estimator.side_by_side import one_worker_each
+from estimator.trace.experiments import Turn
 from evaluation.undeclared.effects import DRAWABLE
 from evaluation.undeclared.expected import expected
 from evaluation.undeclared.judging import class_of, plain

@@ -18,9 +18,9 @@ import numpy as np
 from benchmarks.lockstep import close_loop
 from device_emulator.scenario import Scenario
 from estimator.diagnosis import Diagnosis, Interval, Verdict
-from estimator.identification.pool import Member, Pool, held_out_by_default
-from estimator.identification.pool_trace import trace_pool
 from estimator.side_by_side import one_blas_thread
+from estimator.trace.pool import Member, Pool, held_out_by_default
+from estimator.trace.pool_trace import trace_pool
 from evaluation.pools_alone import alone
 from evaluation.undeclared.device import draw_rate
 from evaluation.undeclared.expected import expected

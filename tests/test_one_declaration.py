@@ -17,13 +17,13 @@ from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
 from estimator.effects.page import page
 from estimator.effects.search import Kin, Search, Sign
-from estimator.identification.candidates import candidates
-from estimator.identification.problem import Problem
 from estimator.model.catalogue import MODELS
 from estimator.model.gyro import vx, vy
 from estimator.residual.suspects import suspects
 from estimator.settings import ObserverSettings
-from tests.identification.test_watch_list import GYRO, WHITE, N, record
+from estimator.trace.candidates import candidates
+from estimator.trace.problem import Problem
+from tests.trace.test_watch_list import GYRO, WHITE, N, record
 
 ROOT = Path(__file__).parents[1]
 rho, turn = sp.symbols("rho turn")
@@ -89,7 +89,7 @@ def test_its_code_is_generated_from_the_declaration() -> None:
 
 STRUCTURE = {
     # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
-    "estimator/identification/symmetries.py",
+    "estimator/trace/symmetries.py",
     "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
     "hil/bench/toml.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
     "estimator/rate_sensor/surroundings.py", "hil/codegen/written.py",

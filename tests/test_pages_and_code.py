@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from estimator.identification import checks, search
-from estimator.identification.ambiguity import TIE
-from estimator.identification.result import MOST
+from estimator.trace import checks, search
+from estimator.trace.ambiguity import TIE
+from estimator.trace.result import MOST
 from hil.bench.calibration import ASSUMED, Assumed, Calibration
 from tests.test_doc_links import ROOMS
 

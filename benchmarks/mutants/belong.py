@@ -162,7 +162,7 @@ TESTS: dict[str, list[str]] = {
     "estimator.gaps": ["tests/estimator/test_gaps.py"],
     **{f"estimator.{module}": _of_estimator(tests) for module, tests in _SHARED.items()},
     **{
-        f"estimator.identification.{module}": [f"tests/identification/test_{name}.py" for name in tests.split()]
+        f"estimator.trace.{module}": [f"tests/trace/test_{name}.py" for name in tests.split()]
         for module, tests in _IDENTIFICATION.items()
     },
     **{f"estimator.completeness.{module}": _of_estimator(tests) for module, tests in _COMPLETENESS.items()},

@@ -29,7 +29,7 @@ class Named:
         return Mutant(line, self.before, self.after, lambda: source.replace(self.before, self.after))
 
 
-_ANGLE = ("tests/identification/test_angle.py",)
+_ANGLE = ("tests/trace/test_angle.py",)
 _LAWS = ("tests/estimator/test_laws.py",)
 
 NAMED = (
@@ -39,12 +39,12 @@ NAMED = (
     ),
     Named(
         "what is scored as held out includes the fitted part",
-        "estimator.identification.examination", "slice(split, len(record) // every * every)",
+        "estimator.trace.examination", "slice(split, len(record) // every * every)",
         "slice(settled, len(record) // every * every)", _ANGLE,
     ),
     Named(
         "the angle's bound is that of one principal axis",
-        "estimator.identification.angle", "np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))",
+        "estimator.trace.angle", "np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))",
         "np.sqrt(max(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved))", _ANGLE,
     ),
     Named(

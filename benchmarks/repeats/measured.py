@@ -7,11 +7,11 @@ import numpy as np
 
 from benchmarks.repeats.agreement import Repeated
 from estimator.chance import TWO_SIDED
-from estimator.identification.checks import deviations
-from estimator.identification.fit import fit
-from estimator.identification.free_run import FreeRun
-from estimator.identification.problem import Problem
 from estimator.scaling import Scaling
+from estimator.trace.checks import deviations
+from estimator.trace.fit import fit
+from estimator.trace.free_run import FreeRun
+from estimator.trace.problem import Problem
 from evaluation.measured.emps import FILES, motion_in
 from evaluation.measured.inverse_dynamics import fit_forces
 from evaluation.measured.oscillator import declared, imported, record_of

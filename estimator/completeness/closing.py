@@ -22,14 +22,14 @@ from estimator.completeness.words import Nearest, in_words
 from estimator.effects.labels import kind, searched_by
 from estimator.effects.search import Search
 from estimator.errors import ModelError
-from estimator.identification.fit import FittedModel, at, maximise
-from estimator.identification.likelihood import is_searched
-from estimator.identification.problem import Effects, Problem
-from estimator.identification.score_test import Score
-from estimator.identification.search import margin as margin_of
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.side_by_side import together
 from estimator.thresholds import THRESHOLDS
+from estimator.trace.fit import FittedModel, at, maximise
+from estimator.trace.likelihood import is_searched
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.score_test import Score
+from estimator.trace.search import margin as margin_of
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000

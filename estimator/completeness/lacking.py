@@ -19,13 +19,13 @@ from estimator.completeness.words import Nearest
 from estimator.diagnosis import Interval
 from estimator.effects.catalogue import effect_for
 from estimator.effects.labels import kind
-from estimator.identification.checks import covariance
-from estimator.identification.fit import FittedModel, at, maximise
-from estimator.identification.score_test import Score
-from estimator.identification.search import impossible, with_effect
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.side_by_side import side_by_side
+from estimator.trace.checks import covariance
+from estimator.trace.fit import FittedModel, at, maximise
+from estimator.trace.score_test import Score
+from estimator.trace.search import impossible, with_effect
 
 _TRIED = 3
 _COMPARED = 10_000  # samples on which candidates are compared, at least

@@ -9,13 +9,13 @@ import numpy as np
 
 from estimator.core.following import BLOCK, Portion, Signatures, gram, scan_block
 from estimator.core.layout import OUTPUT
-from estimator.identification.problem import Problem
-from estimator.identification.start import begin_about, begin_moving
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side, stop_if_abandoned, workers
 from estimator.thresholds import THRESHOLDS
+from estimator.trace.problem import Problem
+from estimator.trace.start import begin_about, begin_moving
 
 _SET = THRESHOLDS.scan
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.completeness.stretched import Stretched
-from estimator.identification.fit import FittedModel
-from estimator.identification.likelihood import Evaluation
-from estimator.identification.problem import Effects
-from estimator.identification.score_test import Score
 from estimator.scaling import Array
+from estimator.trace.fit import FittedModel
+from estimator.trace.likelihood import Evaluation
+from estimator.trace.problem import Effects
+from estimator.trace.score_test import Score
 
 SAME = 0.9992
 """Likeness of what two effects do to the innovations above which a record does not tell them apart."""

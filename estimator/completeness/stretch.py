@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.identification.start import settling
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
+from estimator.trace.start import settling
 
 MOST = 120_000
 """Samples of a run in which the angle is followed."""

@@ -8,16 +8,16 @@ import numpy as np
 
 from estimator.effects.declaration import Coefficient
 from estimator.gaps import observe
-from estimator.identification.filtered import Filtered
-from estimator.identification.fit import FittedModel, advanced, at, fit, maximise
-from estimator.identification.likelihood import Evaluation, Layout, Model, ObserverLayout
-from estimator.identification.problem import Effects, Problem
-from estimator.identification.start import begin_moving
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array, Scaling
 from estimator.settings import Gain, Variant
 from estimator.side_by_side import side_by_side
+from estimator.trace.filtered import Filtered
+from estimator.trace.fit import FittedModel, advanced, at, fit, maximise
+from estimator.trace.likelihood import Evaluation, Layout, Model, ObserverLayout
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.start import begin_moving
 
 _JOINED = ("score", "information", "power", "logs", "count", "innovation", "deviation")
 

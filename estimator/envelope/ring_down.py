@@ -18,10 +18,10 @@ from estimator.envelope.course import Power, level_at
 from estimator.envelope.laws import LINEAR, Law, laws
 from estimator.envelope.record import DECIBEL, Envelope, Resonator
 from estimator.errors import ModelError
-from estimator.identification.axes import equations_on
-from estimator.identification.output_error import Output, OutputLayout, Predicted, Rows, Size
-from estimator.identification.problem import Effects
 from estimator.scaling import Array
+from estimator.trace.axes import equations_on
+from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows, Size
+from estimator.trace.problem import Effects
 
 FLOOR = "noise_floor"
 """Name of what the reading has beside the motion."""

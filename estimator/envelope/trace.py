@@ -7,7 +7,7 @@ from estimator.diagnosis import Diagnosis
 from estimator.envelope.record import FEWEST, Envelope, Resonator
 from estimator.envelope.ring_down import RingDown
 from estimator.errors import ModelError
-from estimator.identification.output_trace import trace_output
+from estimator.trace.output_trace import trace_output
 
 Rows = NDArray[np.bool_]
 

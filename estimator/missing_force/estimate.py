@@ -11,11 +11,6 @@ from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Interval
 from estimator.effects.declaration import si_unit
 from estimator.errors import ModelError
-from estimator.identification.filtered import Filtered
-from estimator.identification.fit import fit
-from estimator.identification.likelihood import ObserverLayout, observer_of
-from estimator.identification.problem import Problem
-from estimator.identification.start import begin_moving
 from estimator.missing_force.following import follow
 from estimator.missing_force.latent import Latent
 from estimator.missing_force.law import Law, constants_alone, part_of, propose, with_constants
@@ -30,6 +25,11 @@ from estimator.missing_force.switching import Levels, levels_of
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import Sensed
+from estimator.trace.filtered import Filtered
+from estimator.trace.fit import fit
+from estimator.trace.likelihood import ObserverLayout, observer_of
+from estimator.trace.problem import Problem
+from estimator.trace.start import begin_moving
 
 _BEFORE, _AFTER = 120_000, 80_000  # samples on either side of the split
 _CHOICE = 30_000  # of those before it, by which the form is chosen

@@ -10,15 +10,15 @@ from numpy.typing import NDArray
 
 from estimator.diagnosis import Interval
 from estimator.effects.labels import kind
-from estimator.identification.checks import Check
-from estimator.identification.output_error import Output, OutputLayout, Predicted, Rows
-from estimator.identification.problem import Effects
-from estimator.identification.search import FORBIDDEN
 from estimator.rate_sensor.agreement import Line, against
 from estimator.rate_sensor.catalogue import EFFECTS, effect_for
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
+from estimator.trace.checks import Check
+from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows
+from estimator.trace.problem import Effects
+from estimator.trace.search import FORBIDDEN
 
 ONE_OF = ({"saturation", "soft_saturation", "fold_back"}, {"lag", "second_order"})
 """Kinds of which a sensor has one: its limit, its low-pass."""

@@ -3,10 +3,10 @@
 import numpy as np
 
 from estimator.core.series import play
-from estimator.identification.output_error import Size
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
+from estimator.trace.output_error import Size
 
 _LARGEST = 0.5  # of the range, the largest deviation at full scale that is still a sensor
 

@@ -9,9 +9,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import IntEnum
 
-from estimator.identification.output_error import Size
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
+from estimator.trace.output_error import Size
 
 
 class Stage(IntEnum):

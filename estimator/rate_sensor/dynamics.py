@@ -6,10 +6,10 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.signal import butter, cont2discrete, filtfilt, lfilter, ss2tf
 
-from estimator.identification.output_error import Size
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
+from estimator.trace.output_error import Size
 
 _SHARE = 0.1  # of the record, the slowest response that it tells of
 _SAMPLES = 4.0  # the same at least, of a record of few samples

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from estimator.identification.output_error import Size
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
+from estimator.trace.output_error import Size
 
 
 def _warmth(record: SensorRecord) -> Array:

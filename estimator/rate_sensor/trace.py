@@ -5,13 +5,13 @@ from numpy.typing import NDArray
 
 from estimator.diagnosis import Diagnosis
 from estimator.errors import ModelError
-from estimator.identification.fit import fit
-from estimator.identification.output_error import OutputError
-from estimator.identification.output_trace import trace_output
 from estimator.rate_sensor.agreement import Line
 from estimator.rate_sensor.chain import RateSensor, noise_floor
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.record import SensorRecord
+from estimator.trace.fit import fit
+from estimator.trace.output_error import OutputError
+from estimator.trace.output_trace import trace_output
 
 STILL = 1e-3
 """Of the declared range: a rate that changes by less does not change."""

@@ -4,16 +4,16 @@ from dataclasses import replace
 from pathlib import Path
 
 from estimator.chance import TWO_SIDED
-from estimator.identification.checks import CHECKS, deviations
-from estimator.identification.chosen import Chosen, choose
-from estimator.identification.free_run import FreeRun
-from estimator.identification.named import constants_of, effects_of
-from estimator.identification.problem import Problem
-from estimator.identification.result import share_of, verdict_of
-from estimator.identification.trace import evidence_of, judge
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
+from estimator.trace.checks import CHECKS, deviations
+from estimator.trace.chosen import Chosen, choose
+from estimator.trace.free_run import FreeRun
+from estimator.trace.named import constants_of, effects_of
+from estimator.trace.problem import Problem
+from estimator.trace.result import share_of, verdict_of
+from estimator.trace.trace import evidence_of, judge
 from evaluation.measured.outcome import Say
 from hil.bench import examples, load_bench
 from hil.importing.importer import import_record

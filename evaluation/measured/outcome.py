@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.diagnosis import Verdict
-from estimator.identification.checks import AT_FLOOR
-from estimator.identification.result import MOST
 from estimator.scaling import Array
+from estimator.trace.checks import AT_FLOOR
+from estimator.trace.result import MOST
 
 Say = Callable[[str], None]
 

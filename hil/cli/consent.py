@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from hil.errors import InputError, printable
 
 if TYPE_CHECKING:
-    from estimator.identification.experiments import Turn
+    from estimator.trace.experiments import Turn
     from hil.bench import Bench
 
 

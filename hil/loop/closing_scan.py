@@ -30,7 +30,7 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     # Heavy imports: after what can be answered without them.
     from estimator.completeness.closing import Limits, closing_scan
     from estimator.completeness.stretch import Stretch, stretches_of
-    from estimator.identification.start import settling
+    from estimator.trace.start import settling
     from hil.inputs.captured import control_of, drives_of, record_of
     from hil.inputs.declared import observer_settings_of, recorded_device_of
 

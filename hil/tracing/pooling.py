@@ -6,9 +6,9 @@ from pathlib import Path
 
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
-from estimator.identification.fitness import remarks, require_traceable
-from estimator.identification.pool import Member, Pool, held_out_by_default
 from estimator.side_by_side import interruptible, workers
+from estimator.trace.fitness import remarks, require_traceable
+from estimator.trace.pool import Member, Pool, held_out_by_default
 from hil.bench import Bench
 from hil.bench.by_verb import require_usable
 from hil.errors import InputError
@@ -62,7 +62,7 @@ def trace_pool_files(request: TraceRequest, bench: Bench, out: Path, progress: W
         progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
     def searched() -> traced.Diagnosis:
-        from estimator.identification.pool_trace import trace_pool  # loaded after what can be refused without it
+        from estimator.trace.pool_trace import trace_pool  # loaded after what can be refused without it
 
         return trace_pool(pool, judges, told)
 

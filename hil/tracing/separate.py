@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from estimator.identification.experiments import (
+from estimator.trace.experiments import (
     MODULATION,
     STEPPING,
     Experiment,

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.errors import ModelError
-from estimator.identification.fitness import require_length
-from estimator.identification.rest import moves_until
 from estimator.record import Record
 from estimator.settings import Device
+from estimator.trace.fitness import require_length
+from estimator.trace.rest import moves_until
 from hil.records.capture import Capture
 
 FRACTION = 0.6

@@ -9,10 +9,10 @@ import numpy as np
 
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
-from estimator.identification.fitness import remarks, require_traceable
-from estimator.identification.problem import Problem
 from estimator.missing_force.result import MissingForce
 from estimator.side_by_side import interruptible, one_blas_thread, workers
+from estimator.trace.fitness import remarks, require_traceable
+from estimator.trace.problem import Problem
 from hil.bench import Bench, RateSensorBench
 from hil.bench.by_verb import require_usable
 from hil.bench.ratio import drive_words
@@ -124,7 +124,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
 
 def _tracer() -> Tracer:
     """Its modules are loaded here: after what can be refused without them, and where Ctrl-C need not wait for them."""
-    from estimator.identification.trace import trace as by_likelihood
+    from estimator.trace.trace import trace as by_likelihood
 
     return by_likelihood
 

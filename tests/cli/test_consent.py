@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from estimator.identification.experiments import Turn
+from estimator.trace.experiments import Turn
 from hil.bench import Bench, examples, load_bench
 from hil.cli import consent
 from hil.errors import InputError

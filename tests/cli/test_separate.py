@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from estimator.identification.experiments import EXPERIMENTS, Experiment, Turn, turn_for
+from estimator.trace.experiments import EXPERIMENTS, Experiment, Turn, turn_for
 from hil.bench import Bench, load_bench, override
 from hil.bench.examples import find
 from hil.cli.show_diagnosis import print_diagnosis

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from estimator.errors import ModelError
-from estimator.identification import trace as tracing
-from estimator.identification.problem import Problem
+from estimator.trace import trace as tracing
+from estimator.trace.problem import Problem
 from hil.bench import load_bench
 from hil.bench.examples import find
 from hil.errors import InputError

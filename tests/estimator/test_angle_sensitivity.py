@@ -8,11 +8,11 @@ import pytest
 
 from estimator.completeness.scan import COURSE, PARTS, scan
 from estimator.effects.catalogue import EFFECTS, effect_for
-from estimator.identification.observed import run
-from estimator.identification.problem import Problem
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Gain, ObserverSettings
+from estimator.trace.observed import run
+from estimator.trace.problem import Problem
 from tests.estimator.core_pieces import pattern, piece
 from tests.estimator.test_scan import DEVICE, HIDDEN, OMEGA0, PARAMETERS, SETTINGS, WITHOUT_CHANNEL, K, record
 

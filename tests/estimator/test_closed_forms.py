@@ -15,8 +15,6 @@ from scipy.signal import lfilter
 
 from estimator.diagnosis import Verdict
 from estimator.errors import DivergedError
-from estimator.identification import examination, fitness
-from estimator.identification.problem import Problem
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
 from estimator.residual import dependence, spectrum, whiteness
@@ -24,6 +22,8 @@ from estimator.residual.analysis import analyse
 from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
 from estimator.thresholds_page import page
+from estimator.trace import examination, fitness
+from estimator.trace.problem import Problem
 
 RATE, HZ = 4000.0, 200.0
 OMEGA = 2.0 * math.pi * HZ

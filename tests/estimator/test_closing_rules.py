@@ -29,9 +29,9 @@ from estimator.completeness.turning import Turning
 from estimator.completeness.words import Nearest, in_words
 from estimator.diagnosis import Interval
 from estimator.errors import ModelError
-from estimator.identification.problem import Problem
-from estimator.identification.score_test import Score
 from estimator.record import Record
+from estimator.trace.problem import Problem
+from estimator.trace.score_test import Score
 from tests.estimator.test_scan import DEVICE, SETTINGS
 
 RATE_HZ = DEVICE.sample_rate

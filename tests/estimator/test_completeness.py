@@ -19,10 +19,10 @@ from estimator.completeness.scan import COURSE, PARTS, scan
 from estimator.completeness.stretch import Stretch, joined, stretches_of
 from estimator.errors import ModelError
 from estimator.gaps import Drives, Gaps
-from estimator.identification.experiments import EXPERIMENTS, loop_record
-from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import ControllerSettings
+from estimator.trace.experiments import EXPERIMENTS, loop_record
+from estimator.trace.problem import Problem
 from hil.inputs.declared import device_of, observer_settings_of
 from tests.estimator.test_scan import DEVICE, SETTINGS
 

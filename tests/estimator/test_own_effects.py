@@ -17,14 +17,14 @@ from estimator.custom.building import built
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
-from estimator.identification.candidates import candidates
-from estimator.identification.problem import Effects, Problem
 from estimator.model.catalogue import model_for
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Scaling
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from estimator.simulation import simulate
+from estimator.trace.candidates import candidates
+from estimator.trace.problem import Effects, Problem
 from tests.estimator.test_effects import OMEGA0, device
 
 AMPLITUDE, SAMPLES = 1e-4, 400

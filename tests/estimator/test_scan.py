@@ -8,13 +8,13 @@ import pytest
 
 from estimator.completeness.scan import scan
 from estimator.effects.catalogue import EFFECTS, effect_for
-from estimator.identification.experiments import EXPERIMENTS, loop_record
-from estimator.identification.observed import run
-from estimator.identification.problem import Problem
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.trace.experiments import EXPERIMENTS, loop_record
+from estimator.trace.observed import run
+from estimator.trace.problem import Problem
 from tests.estimator.whitening import whitener
 
 OMEGA0 = 2 * np.pi * 200.0

@@ -12,14 +12,14 @@ from estimator.completeness.scan import COURSE, PARTS, Scan, scan
 from estimator.core.following import Portion, Signatures
 from estimator.core.taylor import taylor_order
 from estimator.gaps import Gaps
-from estimator.identification.experiments import EXPERIMENTS, loop_record
-from estimator.identification.observed import run
-from estimator.identification.problem import Problem
-from estimator.identification.start import begin_about, begin_moving
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain
+from estimator.trace.experiments import EXPERIMENTS, loop_record
+from estimator.trace.observed import run
+from estimator.trace.problem import Problem
+from estimator.trace.start import begin_about, begin_moving
 from tests.estimator.test_scan import DEVICE, OMEGA0, SETTINGS
 from tests.estimator.whitening import whitener
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.identification.fit import fit
-from estimator.identification.free_run import FreeRun
-from estimator.identification.problem import Problem
+from estimator.trace.fit import fit
+from estimator.trace.free_run import FreeRun
+from estimator.trace.problem import Problem
 from evaluation.measured import emps, free_decay, rate_table, silverbox
 from evaluation.measured.oscillator import declared, imported, record_of
 from evaluation.measured.outcome import rms

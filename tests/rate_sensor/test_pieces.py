@@ -7,10 +7,6 @@ import numpy as np
 import pytest
 from scipy.signal import butter, filtfilt
 
-from estimator.identification.fit import fit
-from estimator.identification.likelihood import Model
-from estimator.identification.output_error import OutputError
-from estimator.identification.output_trace import half_width
 from estimator.rate_sensor.catalogue import EFFECTS, effect_for, names
 from estimator.rate_sensor.chain import RateSensor, noise_floor, volts_of
 from estimator.rate_sensor.declaration import Range, Stage
@@ -18,6 +14,10 @@ from estimator.rate_sensor.dynamics import first_order
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import alternate_blocks
 from estimator.scaling import Array
+from estimator.trace.fit import fit
+from estimator.trace.likelihood import Model
+from estimator.trace.output_error import OutputError
+from estimator.trace.output_trace import half_width
 
 DECLARED = Range(4.0, 2.0)
 N, STEP = 300, 1e-3

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from estimator.diagnosis import Diagnosis, Verdict
-from estimator.identification.problem import Problem
-from estimator.identification.trace import trace
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, Spread
+from estimator.trace.problem import Problem
+from estimator.trace.trace import trace
 from tests.emulator.gyro import AMPLITUDE_M, OMEGA, record, scenario, undriven
 
 RATE, SAMPLES, MASS = 4000.0, 8000, 1e-3

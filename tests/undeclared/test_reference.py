@@ -7,9 +7,9 @@ import pytest
 
 from benchmarks import calm
 from estimator.diagnosis import Diagnosis, Verdict
-from estimator.identification.problem import Problem
-from estimator.identification.trace import trace
 from estimator.record import Record
+from estimator.trace.problem import Problem
+from estimator.trace.trace import trace
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import keep, recorded
 from hil.bench import load_bench

@@ -8,8 +8,8 @@ import pytest
 from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from device_emulator.scenario import Scenario
 from estimator.diagnosis import Verdict
-from estimator.identification.problem import Problem
-from estimator.identification.trace import trace
+from estimator.trace.problem import Problem
+from estimator.trace.trace import trace
 from evaluation.undeclared.record import write_capture
 from hil.inputs.captured import control_of
 from hil.inputs.declared import device_of, observer_settings_of

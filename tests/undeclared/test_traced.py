@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from estimator.identification.problem import Problem
 from estimator.side_by_side import WORKERS
+from estimator.trace.problem import Problem
 from evaluation.undeclared.judging import Judgement, judge
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import make
@@ -17,7 +17,7 @@ from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
 from hil.records.diagnosis import to_model
 
-engine = pytest.importorskip("estimator.identification.trace")
+engine = pytest.importorskip("estimator.trace.trace")
 tracing = pytest.importorskip("hil.tracing.trace")
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]  # closed loops, and whole traces of them

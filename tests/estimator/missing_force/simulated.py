@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from estimator.hold import drive_polynomials
-from estimator.identification.problem import Problem
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings, ProcessNoise, Spread
+from estimator.trace.problem import Problem
 
 Floats = NDArray[np.float64]
 Force = Callable[[Floats, Floats], Floats]

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from estimator.errors import ModelError
-from estimator.identification.problem import Problem
 from estimator.missing_force.estimate import missing_force
 from estimator.missing_force.library import Extent, library
 from estimator.missing_force.result import MissingForce
+from estimator.trace.problem import Problem
 from tests.estimator.missing_force.simulated import GAIN, LENGTH, OMEGA, Floats, Force, simulated
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,64 @@
+"""What stays uncertain of the angle when the effects that were found are carried: what could not be undone.
+
+A coefficient is known within its interval only, and of two effects that a record cannot tell apart either may be the
+one.  The bench's own observer reads the record once for each such possibility; how far its angle moves is the bound.
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+
+import numpy as np
+
+from estimator.chance import TWO_SIDED
+from estimator.observer import Observer
+from estimator.scaling import Array
+from estimator.side_by_side import side_by_side, together
+from estimator.trace.observed import run
+from estimator.trace.problem import Effects, Problem
+from estimator.trace.start import settled_from
+
+
+@dataclass(frozen=True)
+class AngleReader:
+    """The bench's observer over one record, with any effects."""
+
+    problem: Problem
+    _known: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
+
+    def angle(self, effects: Effects) -> Array:
+        """Angle [rad] of each sample once the start is over."""
+        problem = self.problem.carrying(effects)
+        asked = repr(problem.effects)
+        if asked not in self._known:
+            observer = Observer(problem.device, problem.settings, problem.controller)
+            observer.hold_coefficients()
+            read = run(observer, problem.record).angle
+            start = settled_from(problem.settings, problem.device, len(read))
+            self._known[asked] = np.asarray(read[start:])
+        return self._known[asked]
+
+    def moved(self, effects: Effects, others: Effects) -> float:
+        """How far in rad, at most, the angle moves when the others are carried in place of these."""
+        one, other = together(lambda: self.angle(effects), lambda: self.angle(others))
+        return float(np.max(np.abs(one - other)))
+
+    def bound(self, effects: Effects, name: str, covariance: Array) -> float:
+        """By how much in rad the angle may be wrong because the coefficients of `name` are known within 95 % only.
+
+        Each principal axis of their covariance by itself; the moves added as squares.
+        """
+        scale = np.sqrt(np.diagonal(covariance))
+        scale = np.where(scale > 0.0, scale, 1.0)  # one that is known exactly moves nothing
+        sizes, axes = np.linalg.eigh(covariance / np.outer(scale, scale))
+        shifts = TWO_SIDED * np.sqrt(np.maximum(sizes, 0.0))[:, None] * axes.T * scale
+        asked = [effects, *(_shifted(effects, name, shift) for shift in shifts)]
+        usual, *moved = side_by_side([partial(self.angle, one) for one in asked])
+        return float(np.sqrt(sum(float(np.max(np.abs(angle - usual))) ** 2 for angle in moved)))
+
+
+def _shifted(effects: Effects, name: str, by: Array) -> dict[str, dict[str, float]]:
+    """The effects with the coefficients of `name`, in their order, shifted."""
+    moved = {key: dict(given) for key, given in effects.items()}
+    for symbol, shift in zip(moved[name], by, strict=False):  # parameters follow the coefficients, and stay
+        moved[name][symbol] += float(shift)
+    return moved

@@ -1,0 +1,192 @@
+"""The likelihood of a driven gyro or oscillator: innovations of its filter."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from estimator.effects.catalogue import effect_for
+from estimator.effects.declaration import Effect
+from estimator.scaling import Array
+from estimator.trace.candidates import candidates
+from estimator.trace.examination import Examination, examine
+from estimator.trace.likelihood import (
+    AT_THE_START,
+    Beginning,
+    Evaluation,
+    Layout,
+    Model,
+    Noise,
+    ObserverLayout,
+    evaluate,
+    reach_of,
+)
+from estimator.trace.noise import level
+from estimator.trace.problem import Effects, Problem
+
+FIRST = 2500
+"""Samples of the beginning that is fitted first."""
+FORCE_DECADES = 8.0
+"""Above what is declared that a random force may be: at the top, a filter follows whatever moves."""
+RATE_DECADES = 2.0
+"""Above the declared random walk of the rate.  Not below: the rate may do later what it did not do yet."""
+CLOSE, ROUGH = 0.5, 1.0
+"""Decades to which a level is found: the likelihood of any parameter is flat beside that."""
+WINDOWS, WINDOW = 3, 2_000
+"""Parts of a record, and samples of each, that tell a level to a decade."""
+QUIET = 1e-9
+"""Of the scaled units: a random force or rate that is none."""
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """`Likelihood` of a problem whose motion is followed by a filter."""
+
+    problem: Problem
+    beginning: Beginning = AT_THE_START
+
+    @property
+    def effects(self) -> Effects:
+        """What the bench declares beside the base model."""
+        return self.problem.effects
+
+    @property
+    def axes(self) -> int:
+        """Of the device."""
+        return self.problem.device.axes
+
+    @property
+    def samples(self) -> int:
+        """Of the record."""
+        return len(self.problem.record)
+
+    @property
+    def first(self) -> int:
+        """Samples of the beginning that is fitted first."""
+        return FIRST
+
+    @property
+    def following(self) -> "Filtered":
+        """Itself: a filter follows the motion."""
+        return self
+
+    @property
+    def most(self) -> int:
+        """Effects beside the declared: nobody believes a fifth."""
+        return 4
+
+    def part(self, rows: slice) -> "Filtered":
+        """The same of these samples only."""
+        record = self.problem.record
+        first = self.beginning.temperature
+        if first is None and "temperature" in record.channels:
+            first = float(record.channels["temperature"][0])
+        seconds = self.beginning.seconds + float(np.sum(record.step[: rows.start or 0]))
+        return Filtered(self.problem.part(rows), Beginning(seconds, first))
+
+    def layout(self, effects: Effects) -> Layout:
+        """The parameters of the model with these effects."""
+        return ObserverLayout(self.problem, effects)
+
+    def effect(self, name: str) -> Effect:
+        """Declaration of an effect of the catalogue, or of one beside it."""
+        return effect_for(name, self.axes, self.problem.device.own)[1]
+
+    def plausible(self, name: str) -> Array:
+        """As the effect's declaration has it, of what is driven as hard as this record."""
+        return reach_of(self.problem) * np.array([one.plausible for one in self.effect(name).coefficients])
+
+    def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
+        """At the size that the score test tells, as far as the effect may be of it."""
+        theta = theta.copy()
+        places = layout.of(name)[: len(size)]
+        theta[places] = np.maximum(layout.mean[places] + size, layout.least[places])
+        return theta
+
+    def evaluate(
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
+    ) -> Evaluation:
+        """A pass over the record.  Raises ModelError as `Observer` does."""
+        assert isinstance(layout, ObserverLayout)
+        return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, tested=tested)
+
+    def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
+        """The model with the random force that is declared, and with the one that it has."""
+        return replace(model, noise=replace(model.noise, force=self.declared_noise().force)), model
+
+    def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
+        """What the bench's observer, which finds the constants itself, makes of the record with these effects."""
+        return examine(self.problem.carrying(effects), split)
+
+    def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
+        """As the bench's own observer has it."""
+        return after.held_out.ratio if after is not None else float(np.sqrt(held_out.scale))
+
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
+        """The whole catalogue beside a model, those with parameters where the record suggests them."""
+        return candidates(self.problem, model.effects, evaluation)
+
+    def declared_noise(self) -> Noise:
+        """What the bench declares; where it declares no random force or rate, a level that is none."""
+        process, none = self.problem.settings.process_noise, self.no_disturbance()
+        return replace(none, force=max(process.force, none.force), rate=max(process.rate, none.rate))
+
+    def no_disturbance(self) -> Noise:
+        """The declared noise of the sensors, with a random force and a rate that are none."""
+        device = self.problem.device
+        omega = float(np.sqrt(device.target))
+        return Noise((1.0,) * device.axes, QUIET * device.amplitude * omega**1.5, QUIET * omega**1.5)
+
+    def quieten(self, layout: Layout, model: Model) -> Model:
+        """The model with about the random force that makes the record most probable: of parts all along it."""
+        return self._with_force(layout, model, ROUGH, self._windows())
+
+    def fit_noise(self, layout: Layout, model: Model) -> Model:
+        """The model with levels of noise that make the record most probable: sense by axis, random force, rate.
+
+        A model that lacks something has a random force in its place, as large as what it leaves.
+        """
+        model = self._with_force(layout, self._balanced(layout, model), CLOSE)
+        if self.axes == 1:
+            return model
+        declared = np.log10(self.declared_noise().rate)
+        between = (float(declared), float(declared + RATE_DECADES))
+
+        def with_rate(value: float) -> Model:
+            return replace(model, noise=replace(model.noise, rate=float(10.0**value)))
+
+        return with_rate(
+            level(lambda v: self._log_likelihood(layout, with_rate(v)), np.log10(model.noise.rate), between, ROUGH)
+        )
+
+    def _windows(self) -> list["Filtered"]:
+        if self.samples <= WINDOWS * WINDOW:
+            return [self]
+        begins = np.linspace(0, self.samples - WINDOW, WINDOWS).astype(int).tolist()
+        return [self.part(slice(begin, begin + WINDOW)) for begin in begins]
+
+    def _with_force(self, layout: Layout, model: Model, close: float, parts: Sequence["Filtered"] = ()) -> Model:
+        """The model with the random force that makes these parts most probable, or all of the record."""
+        least = float(np.log10(self.declared_noise().force))
+
+        def with_force(value: float) -> Model:
+            return replace(model, noise=replace(model.noise, force=float(10.0**value)))
+
+        def likelihood(value: float) -> float:
+            return sum(part._log_likelihood(layout, with_force(value)) for part in parts or [self])
+
+        most = least + FORCE_DECADES + float(np.log10(reach_of(self.problem)))
+        return with_force(level(likelihood, np.log10(model.noise.force), (least, most), close))
+
+    def _log_likelihood(self, layout: Layout, model: Model) -> float:
+        return self.evaluate(layout, model, derivatives=False).log_likelihood
+
+    def _balanced(self, layout: Layout, model: Model) -> Model:
+        """With the sense noise of each axis as its innovations have it beside the others'."""
+        seen = self.evaluate(layout, model, derivatives=False)
+        with np.errstate(invalid="ignore"):
+            power = np.nanmedian((seen.innovation / seen.deviation) ** 2, axis=0) / 0.455
+        if not np.all(np.isfinite(power)) or not np.all(power > 0.0):
+            return model
+        share = np.sqrt(power / np.exp(np.mean(np.log(power))))
+        return replace(model, noise=replace(model.noise, sense=tuple((np.array(model.noise.sense) * share).tolist())))

@@ -1,0 +1,250 @@
+"""The parameters of a model by maximum likelihood: Gauss and Newton with priors and damping."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from estimator.scaling import Array
+from estimator.trace.likelihood import Evaluation, Layout, Likelihood, Model
+from estimator.trace.problem import Effects
+
+PASSES = 12
+"""Gauss–Newton converges in three to six; more are a fit that has no top nearby."""
+ROUGH = 2
+"""Passes between two estimates of the noise."""
+GROWTH = 4
+"""By how much the next part that is fitted is longer than the one before."""
+RISE = 1.0
+"""Expected, of the penalised log-likelihood, below which a search does not spend a pass on it."""
+SETTLED = 0.02
+"""... and below which a fit is at its top: a fifth of a deviation off."""
+AS_EXPECTED = 0.25
+"""Share of the expected rise, below which a step was too long, and as much short of all, beyond which it was not."""
+
+
+@dataclass(frozen=True)
+class FittedModel:
+    """A model at its top: layout of its parameters, the pass there, the penalised log-likelihood; converged: whether
+    the last step expected no more; damping: that of the next step.
+    """
+
+    layout: Layout
+    model: Model
+    evaluation: Evaluation
+    objective: float
+    converged: bool
+    damping: float = 0.0
+
+    @property
+    def likeliness(self) -> float:
+        """Twice the log-likelihood, with the declared constants as measurements; the plausible sizes of effects only
+        keep a fit in hand, and say nothing of which effect it is.
+        """
+        declared = np.array([owner == "" for owner in self.layout.owner])
+        off = ((self.model.theta - self.layout.mean) / self.prior_deviation)[declared]
+        return 2.0 * self.evaluation.log_likelihood - float(off @ off)
+
+    @property
+    def prior_deviation(self) -> Array:
+        """(k,) of the parameters, beside this record."""
+        return self.layout.spread(self.evaluation.share)
+
+    @property
+    def criterion(self) -> float:
+        """The same, less what the parameters cost (Schwarz, Annals of Statistics 6, 1978)."""
+        return self.likeliness - len(self.layout.names) * float(np.log(self.evaluation.count.sum()))
+
+    def rise_over(self, other: "FittedModel") -> float:
+        """Twice the gain of log-likelihood over another model, both counted in the more samples that the error of one
+        of them has independent: what the other lacks may be slow.
+        """
+        share = max(self.evaluation.share, other.evaluation.share)
+        return share * (self.likeliness / self.evaluation.share - other.likeliness / other.evaluation.share)
+
+    def surplus_over(self, other: "FittedModel") -> float:
+        """The same, less what the parameters cost that this model has more."""
+        return self.rise_over(other) - self._price_beside(other)
+
+    def _price_beside(self, other: "FittedModel") -> float:
+        more = len(self.layout.names) - len(other.layout.names)
+        return more * float(np.log(max(self.evaluation.count.sum(), other.evaluation.count.sum())))
+
+    @cached_property
+    def scatter(self) -> float:
+        """By how much more the scores differ from part to part of the record than white innovations let them, 1 where
+        they do not: one number for all parameters (White, Econometrica 50, 1982).
+        """
+        scores = self.evaluation.score / self.evaluation.scale
+        scores = scores - scores.mean(axis=0)
+        inverse = np.linalg.pinv(self.posterior_information, hermitian=True)
+        return max(float(np.sum(inverse * (scores.T @ scores))) / len(inverse), 1.0)
+
+    def gain_over(self, other: "FittedModel") -> float:
+        """Twice the gain of log-likelihood over another model, as far as the record is sure of it, less what the
+        parameters cost that this one has more (Schwarz, Annals of Statistics 6, 1978).
+        """
+        return self.rise_over(other) / self.scatter - self._price_beside(other)
+
+    def gain_of(self, name: str) -> float:
+        """`gain_over` the model with one effect less, by the parabola that the likelihood is at its top."""
+        return self.loss(name) / self.scatter - len(self.layout.of(name)) * float(np.log(self.evaluation.count.sum()))
+
+    def begins_at_zero(self, name: str) -> bool:
+        """Whether an effect is none where its coefficients are zero: else the parabola says nothing of a model without
+        it.
+        """
+        return bool(np.any(self.layout.mean[self.layout.of(name)] == 0.0))
+
+    def loss(self, name: str) -> float:
+        """Of twice the log-likelihood without an effect, by the parabola."""
+        return self.twice_log_likelihood_of(self._loss(name)[0])
+
+    def twice_log_likelihood_of(self, squares: float) -> float:
+        """What is lost where the innovations' sum of squares is larger by that, over the noise that is left; −∞ where a
+        parabola would leave less than nothing.
+        """
+        samples = float(self.evaluation.count.sum())
+        if squares <= -samples:
+            return -np.inf
+        return samples * float(np.log1p(squares / samples))
+
+    def others_without(self, name: str) -> Array:
+        """The parameters (k,) where the parabola has its top without an effect."""
+        return self._loss(name)[1]
+
+    def parted(self, name: str) -> tuple[list[int], list[int]]:
+        """Places of an effect's parameters, and of all others."""
+        own = self.layout.of(name)
+        return own, [k for k in range(len(self.layout.names)) if k not in own]
+
+    def removed(self, name: str) -> Array:
+        """By how much an effect's parameters change where it is taken out: without its coefficients, which begin at
+        zero, its frequency or threshold moves nothing.
+        """
+        own = self.layout.of(name)
+        return np.where(self.layout.mean[own] == 0.0, -self.model.theta[own], 0.0)
+
+    def _loss(self, name: str) -> tuple[float, Array]:
+        """Of the sum of squares, over the noise that is left, without an effect; and the parameters then."""
+        (own, rest), removed, information = self.parted(name), self.removed(name), self.posterior_information
+        taken = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, own)])
+        left = information[np.ix_(own, own)] - np.diag(self.prior_deviation[own] ** -2.0)
+        left = left - information[np.ix_(own, rest)] @ taken
+        theta = self.model.theta.copy()
+        theta[rest] -= taken @ removed
+        return max(float(removed @ left @ removed), 0.0), theta
+
+    @property
+    def posterior_information(self) -> Array:
+        """(k, k) of the parameters, prior included, at the noise that is left."""
+        prior = np.diag(self.prior_deviation**-2.0)
+        return np.asarray(self.evaluation.information.sum(axis=0) / self.evaluation.scale + prior)
+
+    @property
+    def score(self) -> Array:
+        """(k,) slope of the penalised log-likelihood."""
+        pull = (self.model.theta - self.layout.mean) / self.prior_deviation**2
+        return np.asarray(self.evaluation.score.sum(axis=0) / self.evaluation.scale - pull)
+
+
+def at(of: Likelihood, layout: Layout, model: Model) -> FittedModel:
+    """A model where it stands."""
+    evaluation = of.evaluate(layout, model)
+    return FittedModel(layout, model, evaluation, _penalised(layout, model, evaluation), converged=False)
+
+
+def _penalised(layout: Layout, model: Model, evaluation: Evaluation) -> float:
+    pull = (model.theta - layout.mean) / layout.spread(evaluation.share)
+    return evaluation.log_likelihood - 0.5 * float(pull @ pull)
+
+
+def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: float = SETTLED) -> FittedModel:
+    """The top next to `start`, at the noise that `start` has: to within so much of the log-likelihood (Levenberg and
+    Marquardt; the damping follows the share of the expected rise that comes).
+    """
+    now, damping = start, start.damping
+    for _ in range(passes):
+        if not now.evaluation.sound:
+            return now
+        information, score = now.posterior_information, now.score
+        damped = information + damping * np.diag(np.diag(information))
+        try:
+            theta = _stepped(now, damped, score)
+        except np.linalg.LinAlgError:
+            return now
+        step = theta - now.model.theta
+        expected = float(score @ step - 0.5 * step @ information @ step)
+        if expected < rise:
+            return replace(now, converged=damping == 0.0, damping=damping)
+        moved = at(of, now.layout, replace(now.model, theta=theta))
+        risen = moved.objective - now.objective
+        if risen > 0.0:
+            now = moved
+        if not risen > AS_EXPECTED * expected:
+            damping = max(10.0 * damping, 1e-2)
+        elif risen > (1.0 - AS_EXPECTED) * expected:
+            damping = damping / 10.0 if damping > 1e-2 else 0.0
+        if damping > 1e4:
+            break
+    return replace(now, damping=damping)
+
+
+def _stepped(now: FittedModel, information: Array, score: Array) -> Array:
+    """Parameters (k,) one step on; where a bound stops some of them, the step that is best for the others."""
+    theta, bounded = now.model.theta, now.layout.bounded
+    free, step = np.ones(len(theta), dtype=bool), np.zeros(len(theta))
+    while free.any():
+        held = np.where(free, 0.0, step)
+        step = held.copy()
+        step[free] = np.linalg.solve(information[np.ix_(free, free)], (score - information @ held)[free])
+        stopped = free & (bounded(theta + step) != theta + step)
+        step = np.where(free & ~stopped, step, bounded(theta + step) - theta)
+        if not stopped.any():
+            break
+        free &= ~stopped
+    return np.asarray(bounded(theta + step))
+
+
+def advanced(of: Likelihood, start: FittedModel) -> FittedModel:
+    """Some way on to the top in parameters and random force.
+
+    Far from the top, what the parameters leave is a random force to the filter, which follows the motion all the same;
+    the nearer they come, the quieter it is, and the sharper the likelihood.
+    """
+    now = maximise(of, start, ROUGH, RISE)
+    model = of.quieten(now.layout, now.model)
+    return now if model.noise == now.model.noise else replace(at(of, now.layout, model), damping=now.damping)
+
+
+def settle(of: Likelihood, start: FittedModel) -> FittedModel:
+    """The top of the likelihood in parameters and random force, from `start` on."""
+    now = start
+    for _ in range(PASSES):
+        before = now
+        now = advanced(of, now)
+        same = now.model.noise == before.model.noise
+        if same and now.objective - before.objective < RISE:
+            break
+    return maximise(of, now, rise=RISE)
+
+
+def finished(of: Likelihood, start: FittedModel) -> FittedModel:
+    """The same with all levels of noise fitted."""
+    now = at(of, start.layout, of.fit_noise(start.layout, start.model))
+    return maximise(of, now, rise=RISE)
+
+
+def fit(of: Likelihood, effects: Effects) -> FittedModel:
+    """The model with these effects, from what is declared: on a beginning of the record first, where a wrong stiffness
+    has not lost count of the cycles, and then on more and more of it.
+    """
+    layout = of.layout(effects)
+    model = Model(effects, layout.mean, of.declared_noise())
+    length = min(of.first, of.samples)
+    while True:
+        part = of.part(slice(0, length))
+        found = settle(part, at(part, layout, part.quieten(layout, model)))
+        if length == of.samples:
+            return finished(part, found)
+        model, length = found.model, min(GROWTH * length, of.samples)

@@ -1,0 +1,70 @@
+"""What a fitted model has, as it is told: constants and effects in SI, coefficients with their intervals."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.chance import TWO_SIDED
+from estimator.diagnosis import Found, Interval
+from estimator.effects.declaration import Effect, name_of
+from estimator.effects.labels import kind
+from estimator.trace.angle import AngleReader
+from estimator.trace.axes import equations_on
+from estimator.trace.checks import Evidence, covariance
+from estimator.trace.fit import FittedModel
+from estimator.trace.problem import Effects
+
+
+def effects_of(fitted: FittedModel) -> dict[str, dict[str, float]]:
+    """Effects with coefficients and parameters, SI."""
+    layout, model = fitted.layout, fitted.model
+    effects = {name: dict(given) for name, given in layout.effects_of(model).items()}
+    for k, (owner, name) in enumerate(zip(layout.owner, layout.names, strict=True)):
+        if owner:
+            effects[owner][name.partition(":")[0]] = float(model.theta[k] * layout.factor[k])
+    return effects
+
+
+def constants_of(fitted: FittedModel) -> dict[str, float]:
+    """Constants of the base model, SI."""
+    layout, theta = fitted.layout, fitted.model.theta
+    return {layout.names[k]: float(theta[k] * layout.factor[k]) for k in layout.constants}
+
+
+def called(name: str, named: Iterable[str]) -> str:
+    """An effect's name; its label stays where several of the kind are named."""
+    return name if sum(kind(other) == kind(name) for other in named) > 1 else kind(name)
+
+
+def intervals_of(effect: Effect, model: FittedModel, name: str) -> dict[str, Interval]:
+    """Coefficients and searched parameters of an effect of a model, SI, with their 95 % intervals."""
+    layout, spread, intervals = model.layout, covariance(model), {}
+    units = {c.name: c.unit for c in effect.coefficients} | {p.name: p.unit for p in effect.parameters}
+    for k in layout.of(name):
+        value = float(model.model.theta[k] * layout.factor[k])
+        half = TWO_SIDED * float(np.sqrt(spread[k, k]) * abs(layout.factor[k]))
+        name_of_it = layout.names[k]
+        intervals[kind(name_of_it)] = Interval(value, value - half, value + half, units[name_of_it])
+    return intervals
+
+
+def found_of(name: str, evidence: Evidence, carried: Effects, reader: AngleReader) -> Found:
+    """An effect as it is told."""
+    model, effect = evidence.model, evidence.of.effect(name)
+    assert isinstance(effect, Effect)
+    layout, spread, places = model.layout, covariance(model), model.layout.of(name)
+    intervals = intervals_of(effect, model, name)
+    for parameter in effect.parameters:
+        if (coefficient := name_of(parameter, "found_as")) and parameter.name in carried[name]:
+            # The same number as a coefficient, which is as sure.
+            same = intervals[coefficient]
+            intervals[parameter.name] = replace(same, value=carried[name][parameter.name], unit=parameter.unit)
+    own = places[: len(effect.coefficients)]
+    in_si = spread[np.ix_(own, own)] * np.outer(layout.factor[own], layout.factor[own])
+    return Found(
+        name=called(name, evidence.without), title=effect.title, equation=equations_on(effect, evidence.of.axes),
+        coefficients=intervals,
+        evidence=2.0 * (model.objective - evidence.without[name].objective), undone=effect.undone.value,
+        angle_bound=reader.bound(carried, name, in_si) if evidence.of.axes == 2 else None,
+    )  # fmt: skip

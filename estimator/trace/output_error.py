@@ -1,0 +1,396 @@
+"""The likelihood of readings that hang on what is known and on constants alone (Ljung, ch. 4: an output-error model).
+
+A reading is a prediction from θ, a random walk, and white noise.  The walk goes along time, where it is an offset that
+wanders; or, in a table of steady states, along its input, where it is a curve that no constant describes.  A kind of
+record supplies the prediction (`Output`); the rest is the same for all.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cholesky_banded, solve_banded
+
+from estimator.diagnosis import Interval
+from estimator.errors import ModelError
+from estimator.scaling import Array
+from estimator.side_by_side import stop_if_abandoned
+from estimator.trace.checks import AT_FLOOR, Check
+from estimator.trace.examination import Examination
+from estimator.trace.filtered import CLOSE
+from estimator.trace.likelihood import (
+    BLOCKS,
+    SHIFT,
+    Evaluation,
+    Layout,
+    Model,
+    Noise,
+    Sums,
+    blocks_of,
+)
+from estimator.trace.noise import level
+from estimator.trace.problem import Effects
+
+NO_WALK, ALL_WALK = 1e-3, 1e1
+"""Of the white noise: what a walk comes to over the record at least, and from one sample to the next at most."""
+
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class OutputLayout(Layout):
+    """A layout whose parameters have deviations of about one; effects: by name, where the coefficients of each begin,
+    SI, nothing where at zero.
+    """
+
+    names: tuple[str, ...]
+    owner: tuple[str, ...]
+    mean: Array
+    deviation: Array
+    least: Array
+    most: Array
+    factor: Array
+    effects: Effects
+
+    def effects_of(self, model: Model) -> Effects:
+        """The effects of a model; those that do not begin at zero, with their coefficients as they are."""
+        now = model.theta * self.factor
+        return {
+            name: {self.names[k]: float(now[k]) for k in self.of(name)} if given else {}
+            for name, given in self.effects.items()
+        }
+
+
+@dataclass(frozen=True)
+class Size:
+    """A coefficient: its name, its SI unit, whether no such effect has a negative one."""
+
+    name: str
+    unit: str
+    positive: bool = False
+    is_shape: bool = False
+
+
+class Term(Protocol):
+    """What is told of an effect beside what search and checks know of it."""
+
+    @property
+    def title(self) -> str: ...
+
+    @property
+    def equations(self) -> tuple[str, ...]: ...
+
+    @property
+    def coefficients(self) -> Sequence[Size]: ...
+
+    @property
+    def signals(self) -> Sequence[object]: ...
+
+    @property
+    def undone(self) -> str: ...
+
+    @property
+    def look_alikes(self) -> Mapping[str, str]: ...
+
+    @property
+    def generalises(self) -> Sequence[str]: ...
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """values (n,) of the readings; free (n, m): what may be added to them in any size, as of a start that was not at
+    rest; known (n,): whether a reading hangs on nothing from before the record.
+    """
+
+    values: Array
+    free: Array
+    known: NDArray[np.bool_]
+
+
+class Output(ABC):
+    """What a kind of record supplies."""
+
+    @property
+    @abstractmethod
+    def reading(self) -> Array:
+        """The readings (n,)."""
+
+    @property
+    @abstractmethod
+    def along(self) -> Array:
+        """Along what they wander (n,)."""
+
+    @property
+    @abstractmethod
+    def noise(self) -> float:
+        """Declared deviation of a reading."""
+
+    @property
+    @abstractmethod
+    def floor(self) -> tuple[float, float, str]:
+        """Deviation of a reading as the record is judged by, how many independent differences tell it (infinite: it is
+        declared), and how it was found, in words.
+        """
+
+    @property
+    def base(self) -> tuple[str, ...]:
+        """Constants of the base model that are told."""
+        return ()
+
+    @abstractmethod
+    def upto(self, samples: int) -> "Output":
+        """The same of the first samples only."""
+
+    @abstractmethod
+    def layout(self, effects: Effects) -> OutputLayout:
+        """The parameters of the model with these effects; those of the last effect stand last."""
+
+    @abstractmethod
+    def predicted(self, layout: OutputLayout, theta: Array) -> Predicted:
+        """The readings.  Raises ModelError for parameters with which there are none."""
+
+    @abstractmethod
+    def effect(self, name: str) -> Term:
+        """Declaration of an effect, by its name with a label."""
+
+    @abstractmethod
+    def candidates(self, included: Effects) -> Effects:
+        """Effects that are not in a model, each with where its coefficients begin, SI; with nothing, where at zero."""
+
+    def begun(self, layout: OutputLayout, theta: Array, told: Rows) -> Array:
+        """`theta` (k,) with the last effect where it begins; told: readings that are fitted."""
+        return theta
+
+    def interval(self, layout: OutputLayout, theta: Array, k: int, half: float) -> Interval:
+        """Of a parameter, SI, from the half-width of its interval, scaled."""
+        value, half = float(theta[k] * layout.factor[k]), half * float(layout.factor[k])
+        units = {one.name: one.unit for one in self.effect(layout.owner[k]).coefficients}
+        return Interval(value, value - half, value + half, units[layout.names[k]])
+
+    def same(self, name: str, found: Mapping[str, Interval]) -> Mapping[str, tuple[str, str]]:
+        """Effects that do the same to any such record as one that was found, each with what would tell it apart, and
+        with the coefficient that it then has, in words.
+        """
+        return {}
+
+    def checks(self, layout: OutputLayout, theta: Array, half: Callable[[int], float], held_out: Rows) -> list[Check]:
+        """What this kind of record asks of a model, beside what all do."""
+        return []
+
+    def said(self, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> tuple[str, ...]:
+        """Of the base model, a sentence each."""
+        return ()
+
+    def remarks(self, told: Rows, held_out: Rows) -> tuple[str, ...]:
+        """Why what is left may be left, a sentence each."""
+        return ()
+
+
+@dataclass(frozen=True)
+class OutputError:
+    """`Likelihood` of the readings `counted`; told: those that tell the size of what is free."""
+
+    output: Output
+    told: Rows
+    counted: Rows
+
+    @property
+    def effects(self) -> Effects:
+        """None is declared."""
+        return {}
+
+    @property
+    def axes(self) -> int:
+        """One reading."""
+        return 1
+
+    @property
+    def samples(self) -> int:
+        """Readings that count."""
+        return len(self.counted)
+
+    @property
+    def first(self) -> int:
+        """All of them: nothing loses count of cycles."""
+        return self.samples
+
+    @property
+    def most(self) -> int:
+        """Effects beside the declared: nobody believes a fifth."""
+        return 4
+
+    @property
+    def following(self) -> "OutputError":
+        """Itself: a prediction does not lose the motion."""
+        return self
+
+    def part(self, rows: slice) -> "OutputError":
+        """The same of these of the readings that count."""
+        counted = self.counted[rows]
+        if len(counted) == self.samples:
+            return self
+        samples = int(counted[-1]) + 1
+        return OutputError(self.output.upto(samples), self.told[self.told < samples], counted)
+
+    def layout(self, effects: Effects) -> OutputLayout:
+        """The parameters of the model with these effects."""
+        return self.output.layout(effects)
+
+    def effect(self, name: str) -> Term:
+        """Declaration of an effect."""
+        return self.output.effect(name)
+
+    def plausible(self, name: str) -> Array:
+        """One: of a coefficient, scaled, or of all that an effect does where it begins."""
+        return np.ones(1)
+
+    def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
+        """At the size that the score test tells, or where the effect begins."""
+        assert isinstance(layout, OutputLayout)
+        if layout.effects[name]:
+            return self.output.begun(layout, theta, self.told)
+        theta = theta.copy()
+        theta[layout.of(name)] = np.clip(size, layout.least[layout.of(name)], layout.most[layout.of(name)])
+        return theta
+
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
+        """The whole catalogue beside a model."""
+        return self.output.candidates(model.effects)
+
+    def declared_noise(self) -> Noise:
+        """White: nothing wanders."""
+        return Noise((1.0,), float(10.0 ** self._decades()[0]), 0.0)
+
+    def _decades(self) -> tuple[float, float]:
+        """Between which a walk is looked for, in the reading's unit by the root of what it goes along."""
+        span = float(np.ptp(self.output.along[self.counted]))
+        least = NO_WALK * self.output.noise / np.sqrt(span)
+        most = ALL_WALK * self.output.noise / np.sqrt(span / self.samples)
+        return float(np.log10(least)), float(np.log10(most))
+
+    def quieten(self, layout: Layout, model: Model) -> Model:
+        """The model as it is: a prediction does not lose the motion for what a model lacks."""
+        return model
+
+    def fit_noise(self, layout: Layout, model: Model) -> Model:
+        """The model as it is: white noise; what wanders is asked of what was found (`walking`)."""
+        return model
+
+    def walking(self, layout: Layout, model: Model) -> Model:
+        """The model with the walk that the record asks for."""
+
+        def with_force(value: float) -> Model:
+            return replace(model, noise=replace(model.noise, force=float(10.0**value)))
+
+        def of(value: float) -> float:
+            return self.evaluate(layout, with_force(value), derivatives=False).log_likelihood
+
+        least, most = self._decades()
+        # Two tops: none at all, and one that follows what is left.
+        start = max(np.arange(least, most, 1.0).tolist(), key=of)
+        return with_force(level(of, start, (least, most), CLOSE))
+
+    def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
+        """The model without a walk, and with the one that the record asks for: none, where what is left is no more
+        than the noise floor.
+        """
+        quiet = replace(model, noise=self.declared_noise())
+        seen = self.evaluate(layout, quiet, derivatives=False)
+        return quiet, quiet if self.above_floor(seen, None) < AT_FLOOR else self.walking(layout, model)
+
+    def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
+        """There is no observer of readings that follow nothing.  Raises ModelError always."""
+        raise ModelError("an observer follows a motion, and this record shows none")
+
+    def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
+        """What the readings are off, over the noise floor, rms."""
+        return float(np.sqrt(np.nanmean(held_out.innovation**2))) / self.output.floor[0]
+
+    def evaluate(
+        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
+    ) -> Evaluation:
+        """The readings beside their prediction; an innovation is what one is off."""
+        stop_if_abandoned()
+        names = (*(layout.names if derivatives else ()), *(tested or {}))
+        sums = Sums.of(len(names))
+        try:
+            both = self._beside(layout, model, derivatives=derivatives, tested=tested or {})
+            rows, left = self._whitened(layout, model, *both)
+        except ModelError:
+            rows, left = np.full((BLOCKS, len(names) + 2), np.inf), np.full(self.samples, np.inf)
+        for block, (begin, end) in enumerate(blocks_of(len(rows))):
+            sums.add(block, rows[begin:end])
+        # A reading that hangs on what came before the record counts as one of the others does.
+        sums = sums.times(self.samples / len(rows))
+        return Evaluation(
+            names, sums.score, sums.information, sums.power, sums.logs, sums.count,
+            left[:, None], np.full((self.samples, 1), self.output.noise),
+        )  # fmt: skip
+
+    def _beside(
+        self, layout: Layout, model: Model, *, derivatives: bool = False, tested: Effects | None = None
+    ) -> tuple[Array, Predicted]:
+        """What one of a parameter, and one of what is tested, take off the error, and the error (n, k + 1)."""
+        assert isinstance(layout, OutputLayout)
+        now = self.output.predicted(layout, model.theta)
+        columns = [self._slope(layout, model.theta, k) for k in range(len(layout.names) if derivatives else 0)]
+        columns += [self._shown(layout, model, name, given, now) for name, given in (tested or {}).items()]
+        return np.column_stack([*(-one for one in columns), self.output.reading - now.values]), now
+
+    def _slope(self, layout: OutputLayout, theta: Array, k: int) -> Array:
+        """Derivative (n,) of the prediction by a parameter."""
+        step = np.zeros(len(theta))
+        step[k] = SHIFT
+        ahead, behind = (self.output.predicted(layout, theta + sign * step).values for sign in (1.0, -1.0))
+        return np.asarray((ahead - behind) / (2.0 * SHIFT))
+
+    def _shown(
+        self, layout: OutputLayout, model: Model, name: str, given: Mapping[str, float], now: Predicted
+    ) -> Array:
+        """What an effect adds to the prediction (n,): where it begins, or by one of its coefficient."""
+        joint = self.output.layout({**layout.effects_of(model), name: given})
+        theta = np.concatenate([model.theta, joint.mean[len(model.theta) :]])
+        try:
+            if not given:
+                return self._slope(joint, theta, len(theta) - 1)
+            begun = self.output.predicted(joint, self.output.begun(joint, theta, self.told))
+        except ModelError:
+            return np.zeros(len(now.values))
+        return np.asarray(begun.values - now.values)
+
+    def _whitened(self, layout: Layout, model: Model, both: Array, now: Predicted) -> tuple[Array, Array]:
+        """Rows (m, k + 2) of the readings that count, in the order of what they wander along: derivatives, error, the
+        logarithm of its deviation; and the error (n,) of all that count, NaN where a reading is not known.
+        """
+        output = self.output
+        walk = (model.noise.force / output.noise) ** 2
+        free = now.free[:, np.any(now.free != 0.0, axis=0)]
+        if free.shape[1]:
+            told = self.told[now.known[self.told]]
+            shares, _ = whitened(np.column_stack([free, both])[told], output.along[told], walk)
+            m = free.shape[1]
+            both = both - free @ np.linalg.lstsq(shares[:, :m], shares[:, m:], rcond=None)[0]
+        counted = self.counted[now.known[self.counted]]
+        rows, deviation = whitened(both[counted] / output.noise, output.along[counted], walk)
+        if free.shape[1] and len(self.told) == len(self.counted):  # what was fitted is less than what it was
+            rows *= np.sqrt(len(rows) / max(len(rows) - free.shape[1], 1))
+        left = np.where(now.known, both[:, -1], np.nan)[self.counted]
+        return np.column_stack([rows, np.log(output.noise * deviation)]), left
+
+
+def whitened(series: Array, along: Array, walk: float) -> tuple[Array, Array]:
+    """Innovations (n, k), over their deviations (n,), of series that are white noise of deviation one and a random walk
+    of variance `walk` by one of `along`, in the order of that.
+
+    The walk begins at zero with the first: a constant in the series is its start.  Differences from one to the next
+    have a covariance with one line beside the diagonal, whose Cholesky factor is that of the Kalman filter.
+    """
+    order = np.argsort(along, kind="stable")
+    steps = np.diff(series[order], axis=0, prepend=0.0)
+    covariance = np.full((2, len(order)), -1.0)
+    covariance[0] = np.concatenate([[1.0], 2.0 + walk * np.diff(along[order])])
+    factor = cholesky_banded(covariance, lower=True)
+    return np.asarray(solve_banded((1, 0), factor, steps)), np.asarray(factor[0])

@@ -1,0 +1,61 @@
+"""Free runs: how far a model gets by itself, cycle after cycle, where an innovation judges it over one sample only.
+
+The bench's observer follows the record, is left without measurement for some cycles, follows again, and so on.  Forces,
+delays, memories of effects and the rate as last estimated all stay in play, as in the loop when samples are lost.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from estimator.observer import Observer
+from estimator.record import Record
+from estimator.scaling import Array
+from estimator.settings import Gain
+from estimator.thresholds import THRESHOLDS
+from estimator.trace.observed import run
+from estimator.trace.problem import Problem
+from estimator.trace.start import settling
+
+_SET = THRESHOLDS.scoring
+
+
+def free_run_error(problem: Problem, split: int) -> Array:
+    """What free runs were off by at their samples, (n, axes) V; NaN where the record was followed.
+
+    Of a long record, in as many samples before `split` and behind it as the angle is read on.
+    """
+    record = problem.record
+    errors = np.full((len(record), problem.device.axes), np.nan)
+    first, last = max(split - _SET.read, 0), min(split + _SET.read, len(record))
+    _run_freely(problem, first, last, errors)
+    return errors
+
+
+def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
+    """Fill `errors` (n, axes) between these samples of the record."""
+    record, device, settings = problem.record, problem.device, problem.settings
+    cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
+    free = round(_SET.free_cycles * cycle)
+    fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
+    observer = Observer(device, replace(settings, gain=fading), problem.controller)
+    observer.hold_coefficients()
+    _begin_at(observer, record, first)
+    begin = first + max(min(settling(settings, device), (last - first) // _SET.settled), 1)
+    run(observer, record.part(slice(first, begin)))
+    while begin + free <= last:
+        rows = slice(begin, begin + free)
+        with observer.noisier(_SET.unseen):
+            part = record.part(rows)
+            errors[rows] = run(observer, part).innovation
+            errors[rows][part.stretches[0].stop :] = np.nan  # behind a gap nothing is known of the motion
+        begin = rows.stop + _SET.followed * free
+        if begin + free <= last:
+            run(observer, record.part(slice(rows.stop, begin)))
+
+
+def _begin_at(observer: Observer, record: Record, first: int) -> None:
+    """What the effects' coefficients count from is the record's own beginning: its time, its first temperature."""
+    temperature = record.channels.get("temperature")
+    warmth = None if temperature is None or not len(temperature) else float(temperature[0])
+    observer.begin_at(float(np.sum(record.step[:first])), warmth)

@@ -1,0 +1,236 @@
+"""Which effects belong in the model: forward by the score test, fitted candidates, and backward again."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import zip_longest
+
+import numpy as np
+
+from estimator.effects.labels import kind
+from estimator.scaling import Array
+from estimator.side_by_side import side_by_side
+from estimator.trace.fit import ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
+from estimator.trace.likelihood import Layout, Likelihood, Model
+from estimator.trace.problem import Effects
+from estimator.trace.score_test import Score, score_test
+
+SHORTLIST = 4
+"""Kinds of effects that are fitted in a round: one of the two tables of scores has the right one first or second."""
+QUICK = 8_000
+"""Samples on which the shortlist is fitted first."""
+CLEAR = 30.0
+"""The lead in twice the log-likelihood there, beyond which there is no second."""
+FORBIDDEN = 3.0
+"""Deviations below zero of a coefficient that physics makes positive, beyond which it is no such effect."""
+CHANCE = 1e-3
+"""How often an effect may be named that is not there, over a whole search."""
+QUIETER = 100.0
+"""By how much less random force than a model leaves the scores are taken once more."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One step of the search: the model that it began with, its scores, the fitted candidates, the best first."""
+
+    base: FittedModel
+    table: tuple[Score, ...]
+    fitted: tuple[tuple[str, FittedModel], ...]
+    taken: str | None
+
+
+@dataclass(frozen=True)
+class Search:
+    """What was chosen, and how: the rounds, and the base model."""
+
+    base: FittedModel
+    best: FittedModel
+    rounds: tuple[Round, ...]
+
+    @property
+    def margin(self) -> float:
+        """Of as many kinds as were tested."""
+        return margin(max(1, *(len({kind(score.name) for score in one.table}) for one in self.rounds)))
+
+
+def margin(kinds: int) -> float:
+    """What an effect's criterion has to exceed that of a model without it, so many kinds having been looked at."""
+    return 2.0 * float(np.log(kinds / CHANCE))
+
+
+def search(
+    of: Likelihood,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+) -> Search:
+    """Effects added (`forward`), and taken out where their gain is not sure: on the way, what the model still lacks
+    scatters more than noise.
+    """
+    found = forward(of, progress)
+    return replace(found, best=backward(of, found.best, found.margin))
+
+
+def forward(
+    of: Likelihood,
+    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    begun: FittedModel | None = None,
+) -> Search:
+    """Effects added while the best of the candidates has a larger criterion by the margin; on from `begun`."""
+    base = now = fit(of, of.effects) if begun is None else begun
+    rounds: list[Round] = []
+    kinds = 1
+    for step in range(len(now.model.effects) - len(of.effects), of.most):
+        progress("effects", step, of.most)
+        tested = of.candidates(now.model, now.evaluation)
+        kinds = max(kinds, len({kind(name) for name in tested}))
+        tables = scored(of, now, tested)
+        ranked = _fitted(of, now, shortlisted(of, tables, now.evaluation.share * margin(kinds)))
+        best = next((pair for pair in ranked if not impossible(of, *pair)), None)
+        taken = best is not None and best[1].surplus_over(now) > margin(kinds)
+        rounds.append(Round(now, tables[0], tuple(ranked), best[0] if best is not None and taken else None))
+        if best is None or not taken:
+            break
+        now = best[1]
+    return Search(base, now, tuple(rounds))
+
+
+def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[tuple[str, FittedModel]]:
+    """The candidates, each joined to the model and fitted, the best first and to its top.
+
+    On a beginning of the record first: those that are far behind there are not fitted to the whole, unless the score
+    test has them first and that beginning has nothing of them, as of an effect that shows in a long record only.
+    """
+    quick = of.part(slice(0, QUICK))
+    start = at(quick, base.layout, base.model)
+    tried = side_by_side([partial(with_effect, quick, start, score) for score in shortlist])
+    possible = [pair for pair in zip(shortlist, tried, strict=True) if not impossible(of, pair[0].name, pair[1])]
+    best = max((one.criterion for _, one in possible), default=0.0)
+    begun = [
+        (score.name, partial(_from, of, one) if one.criterion > best - CLEAR else partial(with_effect, of, base, score))
+        for score, one in possible
+        if one.criterion > best - CLEAR or (score is shortlist[0] and one.criterion < start.criterion)
+    ]
+    done = side_by_side([fit for _, fit in begun])
+    ranked = sorted(zip([name for name, _ in begun], done, strict=True), key=lambda pair: -pair[1].criterion)
+    return [(name, finished(of, settle(of, one)) if one is ranked[0][1] else one) for name, one in ranked]
+
+
+def _from(of: Likelihood, quick: FittedModel) -> FittedModel:
+    """A candidate that was fitted to a beginning of the record, on all of it."""
+    return advanced(of, at(of, quick.layout, quick.model))
+
+
+def scored(of: Likelihood, fitted: FittedModel, tested: Effects) -> tuple[tuple[Score, ...], ...]:
+    """The scores of the effects beside a model (`score_test`); and where it leaves a random force larger than declared,
+    the same at a quieter one, where effects look less alike, unless the filter loses the motion there.
+    """
+    table = score_test(of, fitted, tested)
+    noise, quietest = fitted.model.noise, of.declared_noise().force
+    if noise.force <= quietest * QUIETER:
+        return (table,)
+    quieter = replace(fitted.model, noise=replace(noise, force=noise.force / QUIETER))
+    found = at(of, fitted.layout, quieter)
+    return (table, score_test(of, found, tested)) if found.evaluation.sound else (table,)
+
+
+def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
+    """The best of each kind, the largest gain first, from each of the tables in turn, as many as are fitted; none that
+    gains less than `least` or has a sign that physics forbids.
+    """
+    best: dict[str, Score] = {}
+    orders = [
+        [one for one in table if one.gain > least and not forbidden(of, one.name, one.size, one.deviation)]
+        for table in reversed(tables)
+    ]
+    for turn in zip_longest(*orders):
+        for score in turn:
+            if score is not None:
+                best.setdefault(kind(score.name), score)
+    return list(best.values())[:SHORTLIST]
+
+
+def impossible(of: Likelihood, name: str, fitted: FittedModel) -> bool:
+    """Whether a fitted effect has a sign that physics forbids."""
+    places = fitted.layout.of(name)
+    deviation = np.sqrt(np.diagonal(np.linalg.pinv(fitted.posterior_information)))[places]
+    return forbidden(of, name, fitted.model.theta[places], deviation)
+
+
+def forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
+    coefficients = of.effect(name).coefficients
+    return any(
+        one.positive and not one.is_shape and value < -FORBIDDEN * spread
+        for one, value, spread in zip(coefficients, size, deviation, strict=False)
+    )
+
+
+def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:
+    """The model with one more effect, from the size that the score test tells."""
+    layout, model = joined(of, fitted, score.name, score.given, score.size)
+    found = maximise(of, at(of, layout, model), ROUGH)
+    if not found.evaluation.sound or found.objective < fitted.objective:
+        found = maximise(of, at(of, layout, replace(model, theta=carried_over(fitted, layout))))
+    return settle(of, at(of, layout, of.quieten(layout, found.model)))
+
+
+def joined(
+    of: Likelihood, fitted: FittedModel, name: str, given: Mapping[str, float], size: Array
+) -> tuple[Layout, Model]:
+    """The parameters and the model with one more effect of that size (c,)."""
+    effects = {**fitted.layout.effects_of(fitted.model), name: given}
+    layout = of.layout(effects)
+    theta = of.begun(layout, carried_over(fitted, layout), name, size)
+    return layout, Model(effects, theta, fitted.model.noise)
+
+
+def carried_over(fitted: FittedModel, layout: Layout) -> Array:
+    """The parameters (k,) of a layout as a fitted model has them, those that it lacks as they are declared."""
+    known = {(o, n): v for o, n, v in zip(fitted.layout.owner, fitted.layout.names, fitted.model.theta, strict=True)}
+    keys = zip(layout.owner, layout.names, layout.mean, strict=True)
+    return np.array([known.get((owner, name), mean) for owner, name, mean in keys])
+
+
+def without_effect(of: Likelihood, fitted: FittedModel, name: str) -> FittedModel:
+    """The model with one effect less, the others where the parabola of its likelihood has its top."""
+    return at(of, *reduced(of, fitted, name, fitted.others_without(name)))
+
+
+def reduced(of: Likelihood, fitted: FittedModel, name: str, theta: Array) -> tuple[Layout, Model]:
+    """The parameters and the model with one effect less; theta (k,) of the model with it."""
+    moved = replace(fitted, model=replace(fitted.model, theta=theta))
+    effects = {other: given for other, given in fitted.layout.effects_of(moved.model).items() if other != name}
+    layout = of.layout(effects)
+    return layout, Model(effects, carried_over(moved, layout), fitted.model.noise)
+
+
+def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
+    """Without effects that do not pay for themselves beside the others; one without which the motion is lost stays."""
+    while gains := {name: _gain_of(of, fitted, name) for name in fitted.model.effects if name not in of.effects}:
+        least = min(gains, key=lambda name: gains[name])
+        if gains[least] > margin:
+            break
+        less = settle(of, without_effect(of, fitted, least))
+        if not less.evaluation.sound:
+            break
+        fitted = less
+    return fitted
+
+
+def with_defaults(of: Likelihood, fitted: FittedModel) -> FittedModel:
+    """Parameters that were searched for are where the declarations of their effects have them, if the record tells no
+    better: each costs as any other does.
+    """
+    for name, parameter in fitted.layout.has_default:
+        effects = {other: dict(given) for other, given in fitted.layout.effects_of(fitted.model).items()}
+        del effects[name][parameter]
+        layout = of.layout(effects)
+        model = Model(effects, carried_over(fitted, layout), fitted.model.noise)
+        simpler = settle(of, at(of, layout, model))
+        fitted = simpler if simpler.criterion > fitted.criterion else fitted
+    return fitted
+
+
+def _gain_of(of: Likelihood, fitted: FittedModel, name: str) -> float:
+    """What a model gains by an effect, less what its parameters cost."""
+    if fitted.begins_at_zero(name):
+        return fitted.gain_of(name)
+    return fitted.gain_over(settle(of, without_effect(of, fitted, name)))

@@ -1,0 +1,240 @@
+"""A second mode that rings by itself: where its search begins, and several decays of two modes in one trace."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from benchmarks.laboratory.pools import two_modes
+from benchmarks.laboratory.rows import figures, pooled
+from estimator.diagnosis import Diagnosis, Verdict
+from estimator.effects.catalogue import EFFECTS
+from estimator.effects.search import Search
+from estimator.record import Record
+from estimator.scaling import Array
+from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
+from estimator.thresholds import THRESHOLDS
+from estimator.trace.pool import Member, Pool
+from estimator.trace.pool_trace import trace_pool
+from estimator.trace.problem import Problem
+from estimator.trace.rings import begun, rings
+from estimator.trace.trace import trace
+
+RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0
+K, D, NOISE = ITSELF**2, 3.0, 1e-4
+WM, DM = 2.0 * np.pi * 33.0, 5.0
+(NAME,) = (effect.name for effect in EFFECTS if effect.search is Search.RINGS)
+T = np.arange(SAMPLES) / RATE
+
+
+def decaying(omega: float, decay: float, phase: float) -> Array:
+    return np.asarray(np.exp(-0.5 * decay * T) * np.cos(omega * T + phase))
+
+
+def noisy(seed: int, *lines: tuple[float, float, float, float]) -> Array:
+    """A residual (n, 1): sizes, frequencies rad/s, rates of decay 1/s, phases."""
+    noise = 0.01 * np.random.default_rng(seed).standard_normal(SAMPLES)
+    return (noise + sum(size * decaying(*line) for size, *line in lines))[:, None]
+
+
+def test_lines_are_found_with_how_fast_they_die_away() -> None:
+    first, second = (1.0, WM, DM, 0.3), (0.4, 2.6 * ITSELF, 12.0, -1.0)
+    found = rings([noisy(1, first, second), noisy(2, (0.6, WM, DM, 2.0), second)], RATE, ITSELF)
+    assert len(found) == 2
+    for (omega, decay), (_, true, rate, _) in zip(found, (first, second), strict=True):
+        assert abs(omega - true) < 0.5 * rate  # so near, least squares find it
+        assert 0.3 * rate < decay < 3.0 * rate
+
+
+def test_what_the_mode_that_is_modelled_leaves_is_no_other() -> None:
+    itself, third = (5.0, 1.02 * ITSELF, DM, 0.0), (3.0, 3.0 * ITSELF, 3.0 * DM, 0.0)
+    ((omega, _), *_) = rings([noisy(1, itself, third, (0.2, WM, DM, 1.0))], RATE, ITSELF)
+    assert omega == pytest.approx(WM, rel=0.02)
+
+
+def clear(*lines: tuple[float, float, float, float], level: float = 0.0, samples: int = SAMPLES) -> Array:
+    """The same without noise, about a level that stays, over so many samples."""
+    return (level + sum(size * decaying(*line) for size, *line in lines))[:samples, None]
+
+
+def test_the_strongest_line_is_that_with_the_most_power_over_all_residuals() -> None:
+    """One shows in one residual alone, the other, smaller, in both: 1 against 0.8² + 0.8²."""
+    lone, shared = (1.0, WM, DM, 0.3), (0.8, 2.6 * ITSELF, DM, 0.3)
+    (first, _), (second, _) = rings([clear(lone, shared), clear(shared)], RATE, ITSELF)
+    assert (first, second) == pytest.approx((2.6 * ITSELF, WM), rel=0.02)
+
+
+def test_a_level_that_stays_moves_nothing() -> None:
+    line = (1.0, WM, DM, 0.3)
+    ((omega, decay), *_) = rings([clear(line)], RATE, ITSELF)
+    assert omega == pytest.approx(WM, rel=0.02)
+    ((same, as_fast), *_) = rings([clear(line, level=30.0)], RATE, ITSELF)
+    assert (same, as_fast) == (pytest.approx(omega, rel=1e-9), pytest.approx(decay, rel=1e-6))
+
+
+@pytest.mark.parametrize(("order", "told"), [(0.05, False), (0.15, True), (0.95, False), (0.85, True), (1.85, True)])
+def test_a_line_is_another_mode_from_a_tenth_of_the_resonance_beside_it(order: float, told: bool) -> None:
+    found = rings([clear((1.0, order * ITSELF, 0.2, 0.3))], RATE, ITSELF)
+    assert any(omega == pytest.approx(order * ITSELF, abs=0.02 * ITSELF) for omega, _ in found) is told
+
+
+@pytest.mark.parametrize(("apart", "both"), [(0.07, False), (0.2, True)])
+def test_two_lines_are_two_from_a_tenth_of_the_resonance_apart(apart: float, both: bool) -> None:
+    """Of a resonance with 96 cycles in the record, which shows lines a 25th of it apart."""
+    itself = 4.0 * ITSELF
+    lines = (1.0, 1.5 * itself, 0.1, 0.3), (0.9, (1.5 + apart) * itself, 0.1, 1.0)
+    found = rings([clear(*lines)], RATE, itself)
+    assert any(omega == pytest.approx(lines[1][1], abs=0.01 * itself) for omega, _ in found) is both
+
+
+def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_longest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A decay that no resonance tells, within the longest residual; the mean, which was taken off, tells nothing."""
+    asked: list[tuple[Array, list[Array]]] = []
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append((omega, seen)))
+    line = (1.0, 0.2 * ITSELF, DM, 0.3)  # in its first 40 samples less than a cycle
+    ((top, decay), *_) = rings([clear(line, samples=40), clear(line, samples=30)], RATE, ITSELF)
+    assert decay == 2.0 / (40 / RATE)
+    bin_width = 2.0 * math.pi * RATE / (8 * 40)
+    (omega, seen), *_ = asked
+    assert omega[0] == pytest.approx(bin_width)
+    assert omega[-1] == pytest.approx(top + 8 * bin_width)
+    assert [len(one) for one in seen] == [len(omega)] * 2
+
+
+def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_side(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    asked: list[Array] = []
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append(omega))
+    ((top, _), *_) = rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)
+    omega, *_ = asked
+    assert len(omega) == 17
+    assert omega[8] == top
+
+
+def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
+    """2ζω, of a mode with the ζ and ω that are read."""
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (300.0, 0.01))
+    assert rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)[0] == (300.0, pytest.approx(6.0))
+
+
+@pytest.mark.parametrize(("order", "told"), [(0.1171875, False), (0.125, True), (1.1171875, False), (1.125, True)])
+def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, order: float, told: bool) -> None:
+    """Of an eighth, which a spectrum with 128 bins to the resonance hits."""
+    monkeypatch.setattr(
+        "estimator.trace.rings._SET", replace(THRESHOLDS.candidates, ring_apart=0.125, ring_bins=8, rings=99)
+    )
+    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (float(omega[8]), 0.1))
+    itself, samples = 64.0, 128  # bins of half a hertz
+    beside = np.zeros(8 * samples // 2 + 1)
+    beside[round(order * itself * 2.0)] = 1.0
+    monkeypatch.setattr("estimator.trace.rings.peaks", lambda power: np.flatnonzero(beside))
+    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
+    assert bool(found) is told
+    beside[[192, 192 + 16 - 1, 192 + 16]] = 1.0  # one and a half, an eighth of the resonance on, and less
+    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
+    assert {2.0 * np.pi * 0.5 * 192, 2.0 * np.pi * 0.5 * 208} <= {omega for omega, _ in found}
+    assert 2.0 * np.pi * 0.5 * 207 not in {omega for omega, _ in found}
+
+
+def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
+    gain = ITSELF if sensed is Sensed.VELOCITY else 1.0
+    return Device(
+        sample_rate=RATE, stiffness=(1.004 * K,), damping=(1.2 * D,), amplitude=1e-3, sense_gain=(gain,),
+        noise=(NOISE,), sensed=(sensed,),
+    )  # fmt: skip
+
+
+def test_it_is_searched_for_only_where_it_is_asked_for() -> None:
+    residual = [noisy(1, (1.0, WM, DM, 0.3))]
+    assert begun(device(), (), residual) == {}
+    assert begun(device(), ("backlash", "drag"), residual) == {}
+    found = begun(device(), ("drag", NAME), residual)
+    assert list(found) == [NAME, f"{NAME}:2"]
+    (first, second) = rings(residual, RATE, float(np.sqrt(device().target)))
+    assert found[NAME] == dict(zip(("wm", "dm"), first, strict=True))
+    assert found[f"{NAME}:2"] == dict(zip(("wm", "dm"), second, strict=True))
+
+
+def decay(rng: np.random.Generator, ringing: bool) -> Record:
+    """A linear decay, V of velocity, and another mode beside it, each from where this record begins."""
+    omega = math.sqrt(K - 0.25 * D * D)
+    first = rng.uniform(0.5, 1.5) * 1e-3 * K / omega * np.exp(-0.5 * D * T) * np.sin(omega * T)
+    second = rng.uniform(0.01, 0.03) * decaying(WM, DM, rng.uniform(0.0, 6.0)) if ringing else 0.0
+    seen = -first + second + rng.normal(0.0, NOISE, SAMPLES)
+    return Record(seen[:, None], np.zeros((SAMPLES, 1, 1)), np.full(SAMPLES, 1.0 / RATE))
+
+
+SETTINGS = ObserverSettings(gain=Gain.EKF, spread=Spread(offset=NOISE, drive_gain=0.0, stiffness=0.02, damping=1.0))
+
+
+ALONE = replace(SETTINGS, spread=replace(SETTINGS.spread, drive_gain=0.1))
+
+
+def together(*, ringing: bool = True) -> Diagnosis:
+    rng = np.random.default_rng(3)
+    members = tuple(Member(f"ring {number}", decay(rng, ringing)) for number in range(4))
+    return trace_pool(Pool(members, device(), SETTINGS), (1,))
+
+
+def inside(found: Diagnosis) -> None:
+    (mode,) = found.effects
+    assert mode.name == NAME
+    for symbol, true in (("wm", WM), ("dm", DM)):
+        one = mode.coefficients[symbol]
+        half = 0.5 * (one.high - one.low)
+        assert half < 0.01 * true
+        assert abs(one.value - true) < 1.5 * half, symbol
+
+
+@pytest.mark.moderate
+def test_decays_share_its_frequency_and_damping_and_begin_each_as_it_does() -> None:
+    found = together()
+    assert found.verdict is Verdict.EXPLAINED
+    inside(found)
+    assert set(found.effects[0].coefficients) == {"wm", "dm"}
+    assert found.held_out_after.ratio == pytest.approx(1.0, abs=0.15)
+    assert found.held_out_before.ratio > 10.0
+
+
+@pytest.mark.moderate
+def test_one_mode_alone_needs_no_other() -> None:
+    found = together(ringing=False)
+    assert (found.verdict, found.effects) == (Verdict.ADEQUATE, ())
+
+
+@pytest.mark.moderate
+def test_one_decay_tells_it_too_and_predicts_the_part_held_out() -> None:
+    """Which begins at another phase of both modes."""
+    problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE, asked=(NAME,))
+    found = trace(problem, split=round(0.6 * SAMPLES))
+    assert found.verdict is Verdict.EXPLAINED
+    inside(found)
+
+
+@pytest.mark.moderate
+def test_a_displacement_shows_it_in_the_same_form() -> None:
+    record = decay(np.random.default_rng(5), True)
+    seen = replace(record, sense=record.sense / ITSELF)
+    shows = replace(device(Sensed.DISPLACEMENT), noise=(NOISE / ITSELF,))
+    inside(trace(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
+
+
+@pytest.mark.long
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("draw", [10, 11])  # the spring is taken first in the other
+def test_twelve_decays_seen_by_a_vibrometer_tell_the_laws_of_both_modes(tmp_path: Path, draw: int) -> None:
+    kind = two_modes(np.random.default_rng((11, draw)))
+    said, noise = pooled(kind, tmp_path)
+    assert said.verdict == "explained"
+    assert {effect.name for effect in said.effects} == {"cubic_stiffness", "drag", NAME}
+    assert said.sense_unit == "mm/s"
+    *off, held_out = figures(kind.name, said, kind.truth, noise)
+    assert len(off) == 4
+    assert all(one.value < 1.5 for one in off)
+    assert held_out.ratio is not None
+    assert held_out.ratio < 1.05

@@ -1,0 +1,186 @@
+"""How a pass begins: about what an earlier one found, with which motion, what is held, and from which sample on it
+counts.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from estimator.observer import Observer
+from estimator.record import Record
+from estimator.scaling import Array
+from estimator.settings import Device, Gain, ObserverSettings, Spread
+from estimator.trace.start import begin_about, begin_moving, first_motion, settled_from, settling
+
+RATE, OMEGA = 4000.0, 2.0 * np.pi * 200.0
+DEVICE = Device(
+    sample_rate=RATE, stiffness=(OMEGA**2, OMEGA**2, 0.0), damping=(0.8, 0.8, 0.0), amplitude=1e-4,
+    sense_gain=(890.0, 890.0), noise=(1e-4, 1e-4),
+)  # fmt: skip
+SETTINGS = ObserverSettings(
+    gain=Gain.EKF, spread=Spread(stiffness=0.01, damping=0.5, offset=0.01, rate=0.7), effects={"drag": {"dqx": 1.0}}
+)
+MORE = replace(SETTINGS, effects={**SETTINGS.effects, "drive_gain": {"hx": 0.1}})
+SINGLE = replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(890.0,), noise=(1e-4,))
+
+
+def ended(settings: ObserverSettings, device: Device = DEVICE, variance: float = 1e-12) -> Observer:
+    """An observer after a pass, with a covariance that is drawn."""
+    observer = Observer(device, settings)
+    random = np.random.default_rng(3).standard_normal(observer.arrays.p.shape)
+    observer.arrays.p[:] = random @ random.T * variance
+    observer.arrays.c[:] = 2.0 * observer.arrays.p
+    return observer
+
+
+@pytest.mark.parametrize(("device", "settings"), [(DEVICE, SETTINGS), (DEVICE, MORE), (SINGLE, SETTINGS)])
+def test_constants_begin_with_the_covariance_they_ended_with_ten_deviations_wide(
+    device: Device, settings: ObserverSettings
+) -> None:
+    """The motion as declared; the rate, which moves, by itself; what is new behind as declared."""
+    previous, observer = ended(SETTINGS, device), Observer(device, settings)
+    declared = observer.arrays.p.copy()
+    begin_about(observer, previous)
+    expected = declared.copy()
+    states, common = observer.states, len(previous.arrays.p)
+    rows = [row for row in range(states, common) if observer.estimated[row] != "rate"]
+    assert len(rows) == common - states - (device is DEVICE)
+    expected[np.ix_(rows, rows)] = 100.0 * previous.arrays.p[np.ix_(rows, rows)]
+    if device is DEVICE:
+        rate = observer.estimated.index("rate")
+        expected[rate, rate] = 100.0 * previous.arrays.p[rate, rate]
+    np.testing.assert_array_equal(observer.arrays.p, expected)
+    np.testing.assert_array_equal(observer.arrays.c, expected)
+    if device is DEVICE:
+        assert np.flatnonzero(observer.arrays.p[rate]).tolist() == [rate]
+
+
+@pytest.mark.parametrize(("device", "settings"), [(DEVICE, SETTINGS), (SINGLE, SETTINGS)])
+def test_none_begins_less_known_than_before_a_record_was_seen(device: Device, settings: ObserverSettings) -> None:
+    """What a pass tells nothing of would else be ten times less known after each; what they share stays as it is."""
+    previous, observer = ended(settings, device, variance=1e-4), Observer(device, settings)
+    constants = slice(observer.states, None)
+    declared = np.sqrt(np.diagonal(observer.arrays.p)[constants])
+    begin_about(observer, previous)
+    found = previous.arrays.p[constants, constants]
+    known = np.sqrt(np.diagonal(found))
+    begun = observer.arrays.p[constants, constants]
+    capped = declared < 10.0 * known
+    assert np.sum(capped) > 0
+    np.testing.assert_allclose(np.sqrt(np.diagonal(begun)), np.where(capped, declared, 10.0 * known), rtol=1e-12)
+    shared = begun / np.sqrt(np.outer(np.diagonal(begun), np.diagonal(begun)))
+    expected = found / np.outer(known, known)
+    if device is DEVICE:
+        rate = observer.estimated[observer.states :].index("rate")
+        expected[rate, :] = expected[:, rate] = 0.0
+        expected[rate, rate] = 1.0
+    np.testing.assert_allclose(shared, expected, rtol=1e-9, atol=1e-12)
+
+
+def test_coefficients_stand_behind_the_motion_and_the_constants() -> None:
+    observer = Observer(DEVICE, MORE)
+    names = observer.estimated[-len(observer.coefficient_deviations) :]
+    assert names == tuple(c.name for _, effect in observer.effects for c in effect.coefficients)
+    assert set(names) == {"dqx", "dqy", "hx", "hy"}
+    observer.arrays.p[:] = np.diag(np.arange(1.0, len(observer.arrays.p) + 1.0) ** 2)
+    last = len(observer.arrays.p)
+    np.testing.assert_allclose(observer.coefficient_deviations, np.arange(last - 3, last + 1))
+
+
+@pytest.mark.parametrize(
+    ("memory", "samples", "first"),
+    [(0.05, 10_000, 600), (0.5, 100_000, 6000), (7.0, 100_000, 12_000), (np.inf, 100_000, 12_000), (0.5, 8000, 2000)],
+)
+def test_three_memories_of_a_second_at_most_are_the_start_and_a_quarter_of_the_record_at_most(
+    memory: float, samples: int, first: int
+) -> None:
+    settings = ObserverSettings(memory=memory)
+    assert settled_from(settings, DEVICE, samples) == first
+    assert settling(settings, DEVICE) == 3 * int(min(memory, 1.0) * RATE)
+
+
+def shown(samples: int, step: Array, bend: float = 0.0) -> Record:
+    """Two channels of 0.7 V at OMEGA, a displacement m of each shown as m + bend m²; the drive at rest."""
+    phase = OMEGA * np.cumsum(step)[:, None] + np.array([0.3, -1.1])
+    moved = 0.7 * np.cos(phase)
+    sense = 0.02 + moved + bend * moved**2
+    return Record(sense=sense, drive=np.zeros((samples, 2, 1)), step=step)
+
+
+# V and V/s, as the first interval begins
+MOTION = 0.7 * np.array([np.cos([0.3, -1.1]), -OMEGA * np.sin([0.3, -1.1])])
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.09])
+def test_the_first_cycles_tell_the_motion_whatever_the_channel_bends(bend: float) -> None:
+    step = np.random.default_rng(5).uniform(0.9, 1.1, 200) / RATE
+    np.testing.assert_allclose(first_motion(shown(200, step, bend), OMEGA), MOTION, rtol=1e-9)
+
+
+def test_lost_samples_are_left_out_and_where_too_few_are_left_nothing_is_told() -> None:
+    record = shown(200, np.full(200, 1.0 / RATE))
+    record.sense[3:9] = np.nan
+    record.sense[12, 0] = np.nan
+    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-9)
+    record.sense[6:] = np.nan
+    assert np.all(np.isnan(first_motion(record, OMEGA)))
+    observer = Observer(DEVICE, SETTINGS)
+    as_it_was = observer.state.copy()
+    begin_moving(observer, record)
+    np.testing.assert_array_equal(observer.state, as_it_was)
+
+
+@pytest.mark.parametrize(
+    ("samples_a_cycle", "rows", "unknown"), [(20.0, 30, 7), (8.0, 14, 7), (7.5, 12, 5), (5.0, 8, 3)]
+)
+def test_one_and_a_half_cycles_are_asked_or_twice_as_many_samples_as_there_are_unknowns(
+    samples_a_cycle: float, rows: int, unknown: int
+) -> None:
+    """An offset, the fundamental, and of the harmonics those that the samples tell."""
+    record = shown(60, np.full(60, 2.0 * np.pi / OMEGA / samples_a_cycle))
+    record.sense[rows:] = 9.0
+    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-9)
+    record.sense[: rows - unknown - 1] = np.nan
+    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-6)
+    record.sense[rows - unknown - 1] = np.nan
+    none = first_motion(record, OMEGA)
+    assert none.shape == (2, 2)
+    assert np.all(np.isnan(none))
+    seen = shown(60, record.step)
+    seen.sense[rows - 1] = 9.0
+    assert np.max(np.abs(first_motion(seen, OMEGA) / MOTION - 1.0)) > 1e-3
+
+
+@pytest.mark.parametrize("samples_a_cycle", [5.0, 20.0])
+def test_a_pass_begins_with_that_motion_and_no_surer_of_it(samples_a_cycle: float) -> None:
+    device = replace(DEVICE, sample_rate=samples_a_cycle * OMEGA / (2.0 * np.pi))
+    observer = Observer(device, SETTINGS)
+    spread = observer.arrays.p.copy()
+    begin_moving(observer, shown(60, np.full(60, 1.0 / device.sample_rate)))
+    states = dict(zip(observer.names[:4], observer.state[:4], strict=True))
+    (x, y), (vx, vy) = MOTION / 890.0
+    assert states == pytest.approx({"x": x, "vx": vx, "y": y, "vy": vy}, rel=1e-6)
+    np.testing.assert_array_equal(observer.arrays.p, spread)
+
+
+def test_the_motion_is_that_of_the_frequency_found() -> None:
+    """A bench file that is 1 % off is not asked again."""
+    step = np.full(60, 1.0 / RATE)
+    record = Record(shown(60, step).sense, np.zeros((60, 2, 1)), step)
+    off = replace(DEVICE, stiffness=(1.1 * OMEGA**2, 1.1 * OMEGA**2, 0.0))
+    found = Observer(off, replace(SETTINGS, initial={"kxx": OMEGA**2, "kyy": OMEGA**2}))
+    begin_moving(found, record)
+    np.testing.assert_allclose(found.state[:4].reshape(2, 2).T, MOTION / 890.0, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("device", "initial"), [(SINGLE, {}), (DEVICE, {"vy": 0.01}), (DEVICE, {"kxx": -1.0}), (DEVICE, {"kyy": -1.0})]
+)
+def test_a_single_axis_a_motion_that_is_given_and_what_does_not_vibrate_begin_as_they_are(
+    device: Device, initial: dict[str, float]
+) -> None:
+    observer = Observer(device, replace(SETTINGS, initial=initial))
+    as_it_was = observer.state.copy()
+    begin_moving(observer, shown(60, np.full(60, 1.0 / RATE)))
+    np.testing.assert_array_equal(observer.state, as_it_was)
