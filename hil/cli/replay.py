@@ -1,4 +1,4 @@
-"""``hil replay``: today's estimator on yesterday's record."""
+"""``hil replay``: the estimator of today on an existing record."""
 
 from typing import Unpack
 
@@ -18,8 +18,8 @@ def replay(
 ) -> None:
     """Run the observer of a bench file over a record.
 
-    The record is an imported one, or that of an earlier run. A run has its own bench file; --bench names another.
-    The outcome is a new run folder.
+    The record is an imported one, or that of an earlier run. A run has its own bench file; --bench names another. The
+    result is a new run folder.
 
     Examples:
 

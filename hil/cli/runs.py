@@ -27,8 +27,8 @@ Place = Annotated[
 def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: Replace = False) -> None:
     """List the runs and traces of a folder, oldest first, with their verdicts.
 
-    A failed verdict is followed by the parts that failed, and by the reason. Other verbs take each name as it is
-    listed, or its beginning: `hil show NAME`.
+    A failed verdict is followed by the parts that failed, and by the reason. Other verbs accept a name from this list,
+    or the beginning of a name: `hil show NAME`.
 
     Examples:
 

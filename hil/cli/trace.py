@@ -138,13 +138,13 @@ def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
         return True
     missing = diagnosis.missing_force
     written, unwritten = ([], []) if missing is None else add_form(source, target, missing, diagnosis.record)
-    memory = f"; {', '.join(unwritten)} has a memory, which no law of [effects.custom] has" if unwritten else ""
+    memory = f"; {', '.join(unwritten)} has a memory, which [effects.custom] cannot express" if unwritten else ""
     if written:
         named = ", ".join(f"[effects.custom.{name}]" for name in written)
-        say(f"{target}: written; no effect accounts for what is missing, so that it declares its form: {named}{memory}")
+        say(f"{target}: written; no effect explains the missing force, so the file declares its form: {named}{memory}")
     else:
         zero = missing is not None and missing.form and not unwritten
-        doubtful = ": each term of the form may as well be zero" if zero else ""
+        doubtful = ": no term of the form is significant" if zero else ""
         say(f"{target}: not written; there is nothing to add{doubtful}{memory}")
     return bool(written)
 

@@ -114,6 +114,6 @@ def test_what_no_effect_accounts_for_is_undone_by_its_form(start: Start, tmp_pat
         start("trace", str(record), "--bench", "plain.bench.toml", "--add", "form.bench.toml"), wait_s=8 * WAIT_S
     )
     assert code == 1, err
-    assert "so that it declares its form: [effects.custom.form_1]" in err
+    assert "so the file declares its form: [effects.custom.form_1]" in err
     after = ran("form.bench.toml", "second")
     assert after < before / 5.0
