@@ -321,7 +321,6 @@ def test_the_wire_log_reaches_the_loop_from_the_library(place: Callable[[str], P
 REFUSED: Mapping[str, tuple[TraceOptions, list[str], str]] = {
     "covariate": ({"covariate": "load_kg"}, ["--covariate", "load_kg"], "belong to several records"),
     "hold_out": ({"hold_out": ["a"]}, ["--hold-out", "a"], "belong to several records"),
-    "also": ({"also": ["no_such", "play"]}, ["--also", "no_such", "--also", "play"], "no effect 'no_such'"),
     "fraction": ({"fraction": 0.001}, ["--fraction", "0.001"], "the part to be fitted has"),
 }  # fmt: skip
 

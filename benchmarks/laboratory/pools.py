@@ -19,7 +19,7 @@ SOFTER = 2000.0  # 1/s² of stiffness that a load of 1 kg takes away (an eighth)
 class PoolKind:
     """Columns and map of each file by name, what is held out, the covariate, the sense, and the truth.
 
-    slopes: by constant, its change with one of the covariate; also: what the trace is asked for.
+    slopes: by constant, its change with one of the covariate.
     """
 
     name: str
@@ -30,7 +30,6 @@ class PoolKind:
     truth: Mapping[str, float]
     slopes: Mapping[str, float]
     rate_Hz: float = RATE_HZ
-    also: tuple[str, ...] = ()
 
 
 _SENSE: Mapping[str, str | float] = {"gain_V_per_m": 1e3, "unit": "mm", "noise_V": _NOISE_MM, "offset_sd_V": _NOISE_MM}
@@ -110,7 +109,7 @@ def two_modes(rng: np.random.Generator, beam: TwoModes = TwoModes()) -> PoolKind
     sense = {**_SENSE, "senses": "velocity", "unit": "mm/s", "noise_V": _NOISE_MM_S, "offset_sd_V": _NOISE_MM_S}
     truth = {"k3x": beam.softening, "dqx": beam.drag, "wm": beam.ringing, "dm": beam.second_damping}
     held_out = ("ring-2", "ring-5", "ring-8", "ring-10")
-    return PoolKind("two modes, velocity", files, held_out, None, sense, truth, {}, also=("free_mode",))
+    return PoolKind("two modes, velocity", files, held_out, None, sense, truth, {})
 
 
 POOLS: tuple[Callable[[np.random.Generator], PoolKind], ...] = (decays, loads, two_modes)

@@ -64,7 +64,7 @@ def pooled(kind: PoolKind, work: Path) -> tuple[Diagnosis, float]:
         captures.append(folder / f"{name}.arrow")
         import_record(folder / f"{name}.csv", captures[-1], map_file=mapping)
     options: TraceOptions = {
-        "name": folder.name, "covariate": kind.covariate, "hold_out": kind.held_out, "also": kind.also, "report": False,
+        "name": folder.name, "covariate": kind.covariate, "hold_out": kind.held_out, "report": False,
     }  # fmt: skip
     done = trace(request_of(captures, bench, options), work / "runs", progress=lambda _: None)
     return done.diagnosis, float(kind.sense["noise_V"])

@@ -160,9 +160,8 @@ class Effect:
     where its parameters come from; `kin`, who a scan cannot tell from it; `simpler`, the effect that it is where its
     threshold is passed by every drive or by none, or its corner is far away; `gain`, whether its coefficients are
     relative to a declared gain, which has the other sign where they are below −1; `plane`, whether it is the radial
-    form of another effect, which is all that a single axis has of it; `on_request`, whether it is tried only where a
-    problem asks for it, since how often a trace that tries it names it wrongly was not measured.  `number` is its place
-    in the catalogue, by which a compiled kernel knows it.
+    form of another effect, which is all that a single axis has of it; `rare`, whether it is no law of an envelope and
+    no finding of a residual points at it.  `number` is its place in the catalogue, by which the core knows it.
 
     An effect without coefficients is `declared_only`: what it does no record can tell from something else, so it is
     never a candidate of a search, and whoever measured it otherwise gives its parameters.
@@ -189,7 +188,7 @@ class Effect:
     simpler: str = ""
     gain: bool = False
     plane: bool = False
-    on_request: bool = False
+    rare: bool = False
 
     @property
     def slips(self) -> bool:

@@ -57,8 +57,8 @@ def _entry(effect: Effect) -> str:
     lines.append(f"- signature: {effect.signature}")
     for name, separator in effect.look_alikes.items():
         lines.append(f"- looks like {name.replace('_', ' ')}; told apart: {separator}")
-    if effect.on_request and effect.runs_freely:
-        lines.append(f"- traced on a single axis, where it is asked for: `hil trace --also {effect.name}`")
+    if effect.runs_freely:
+        lines.append("- traced on a single axis only")
     lines.append(f"- undone: {effect.undone.value}")
     lines.append(f"- source: {effect.source}")
     return "\n".join(lines) + "\n"

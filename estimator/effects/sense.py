@@ -249,7 +249,7 @@ PARASITIC_MODE = Effect(
 FREE_MODE = Effect(
     name="free_mode",
     number=42,
-    on_request=True,
+    rare=True,
     title="Another mode that rings freely",
     coefficients=(
         Coefficient(wm, "wm", 1e-3, 0, -1, positive=True, start=3.0, least=0.01),

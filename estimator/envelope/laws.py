@@ -54,7 +54,7 @@ class Law:
 
 def laws(own: Iterable[Effect] = ()) -> Mapping[str, Law]:
     """The effects of the catalogue, and those of one's `own`, that take energy as a power of the amplitude, by name."""
-    every = (effect for effect in (*EFFECTS, *own) if not effect.on_request)
+    every = (effect for effect in (*EFFECTS, *own) if not effect.rare)
     return {effect.name: law for effect in every if (law := _law_of(effect)) is not None}
 
 

@@ -11,11 +11,10 @@ from estimator.effects.search import Sign
 
 @cache
 def suspects(sign: str) -> tuple[str, ...]:
-    """Effects that `sign` points at, by name: those of which it is the most telling first; none that a trace tries only
-    on request.
+    """Effects that `sign` points at, by name: those of which it is the most telling first; none that is rare.
 
     Raises ValueError for what is no sign.
     """
     given = Sign(sign)
-    pointed = [effect for effect in EFFECTS if given in effect.signs and not effect.on_request]
+    pointed = [effect for effect in EFFECTS if given in effect.signs and not effect.rare]
     return tuple(effect.name for effect in sorted(pointed, key=lambda effect: effect.signs.index(given)))

@@ -1,7 +1,7 @@
 """What tracing is asked: a record, and what its bench declares of the device, the observer and the control."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 from estimator.record import Record
 from estimator.settings import ControllerSettings, Device, ObserverSettings
@@ -14,16 +14,13 @@ Effects = Mapping[str, Mapping[str, float]]
 class Problem:
     """A record and the observer that is to follow it; `controller` None where no control was at work or none is known.
 
-    The effects that the observer carries are those of its settings; `asked` are candidates that a trace tries only
-    where it is asked to (`Effect.on_request`), `begun` those for which a line was looked for, with where they begin.
+    The effects that the observer carries are those of its settings.
     """
 
     record: Record
     device: Device
     settings: ObserverSettings
     controller: ControllerSettings | None = None
-    asked: tuple[str, ...] = ()
-    begun: Effects = field(default_factory=dict)
 
     @property
     def effects(self) -> Effects:

@@ -66,12 +66,10 @@ def trace(
       hil trace silverbox.arrow --bench silverbox --json
       hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
       hil trace runs/first --bench s-undeclared --missing-force
-      hil trace beam.arrow --bench beam.bench.toml --also hysteretic_stiffness,play
     """
     from hil.cli.files import bench_file, capture_in
     from hil.cli.own import prepare
     from hil.cli.progress import watching
-    from hil.cli.show import say
     from hil.cli.show_diagnosis import finish
     from hil.errors import InputError
     from hil.records.kind import fresh
@@ -93,8 +91,6 @@ def trace(
     board = _board(link, path, observed, armed=arm) if live and observed is not None else None
     with watching("trace", whole=True) as watch:
         done = trace_records(request, out, progress=watch)
-    if request.also and observed is not None and observed.device.axes == 2:
-        say("--also: of two axes the whole catalogue is tried; leave it out")
     if board is not None and observed is not None:
         done = _separated(done, observed, board, out, options)
     written = add is not None and _added(done.diagnosis, path, add)

@@ -71,7 +71,7 @@ def require_undone(bench: Bench) -> None:
         if name.partition(":")[0] in of_the_way:
             raise InputError(
                 f"[effects.{name}]: no loop can undo it yet; leave it out of the bench file, and trace a record of a "
-                f"single axis with `hil trace --also {name}`"
+                f"single axis with `hil trace`"
             )
 
 

@@ -28,7 +28,6 @@ class TraceOptions(TypedDict, total=False):
             "Estimate the missing force.  [default: if a residual is left and a report is drawn]",
         ),
     ]
-    also: Annotated[Names, Help("For a single axis: effects to test that are tested only on request; repeatable.")]
     covariate: Annotated[
         Annotated[str, MaxLen(200)] | None,
         Help("For several records: name of a quantity, one value per record, that coefficients may depend on."),

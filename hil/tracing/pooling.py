@@ -20,7 +20,6 @@ from hil.records.atomic import require_place
 from hil.records.capture import Capture, read_capture
 from hil.records.diagnosis import save_diagnosis, to_model
 from hil.replaying.replay import require_fit
-from hil.tracing.also import effects_asked
 from hil.tracing.request import TraceRequest
 from hil.tracing.time_left import TimeLeft
 from hil.tracing.traced import Traced, called
@@ -53,7 +52,6 @@ def trace_pool_files(request: TraceRequest, bench: Bench, out: Path, progress: W
         except ModelError as error:
             raise InputError(f"{place}: {error}") from None
         members.append(Member(each, numbers, _covariate(place, record, covariate)))
-    effects_asked(request.also, device)  # the whole catalogue is tried; a name that is none is refused
     pool = Pool(tuple(members), device, observer_settings_of(bench), covariate, control_of(bench, records[0]))
     judges = _judges(names, request.hold_out) or held_out_by_default(pool)
     left = TimeLeft()

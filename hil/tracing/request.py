@@ -28,7 +28,6 @@ class TraceRequest:
     fraction: float | None = None
     report: bool = True
     missing_force: bool | None = None
-    also: tuple[str, ...] = ()
     covariate: str | None = None
     hold_out: tuple[str, ...] = ()
 
@@ -54,7 +53,7 @@ def request_of(
         source = bench_file("bench", bench)
         declared = load_any_bench(source)
     require("fraction", given["fraction"], Real | None, "a number")
-    given |= {key: names_of(key, given[key]) for key in ("also", "hold_out")}
+    given["hold_out"] = names_of("hold_out", given["hold_out"])
     name = given["name"] or "trace"
     if isinstance(declared, Bench):
         name = given["name"] or f"{declared.loop.name}-trace"
@@ -77,13 +76,10 @@ def _require_fit(request: TraceRequest) -> None:
         raise InputError("--covariate and --hold-out belong to several records; name them, or leave those out")
     if isinstance(request.bench, RateSensorBench):
         _require_of_a_sensor(request)
-    elif request.bench.device.sense.is_envelope:
-        if request.also:
-            raise InputError("--also: all laws of an envelope are tried anyway; leave it out")
-        if request.missing_force:
-            raise InputError(
-                f"{request.capture}: an envelope, which shows no force at an instant; leave out --missing-force"
-            )
+    elif request.bench.device.sense.is_envelope and request.missing_force:
+        raise InputError(
+            f"{request.capture}: an envelope, which shows no force at an instant; leave out --missing-force"
+        )
 
 
 def _require_several(request: TraceRequest) -> None:
@@ -100,7 +96,5 @@ def _require_of_a_sensor(request: TraceRequest) -> None:
         raise InputError(f"{request.called}: a rate sensor; give the path of its bench file")
     if request.fraction is not None:
         raise InputError("--fraction: the record of a rate sensor is split by its segments, or in alternate blocks")
-    if request.also:
-        raise InputError("--also: all effects of a rate sensor are tried anyway; leave it out")
     if request.missing_force:
         raise InputError("--missing-force: a rate sensor has no force that could be missing; leave it out")

@@ -28,7 +28,6 @@ from hil.records.diagnosis import save_diagnosis, to_model
 from hil.records.force import refused, save_force
 from hil.records.force import to_model as force_model
 from hil.replaying.replay import require_fit
-from hil.tracing.also import effects_asked
 from hil.tracing.envelope import trace_ring_down
 from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor
 from hil.tracing.request import TraceRequest
@@ -77,7 +76,6 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
     require_fit(captured, bench, capture)
     captured, held_out = parts_of(captured, fraction)
     device, settings = recorded_device_of(bench, captured), observer_settings_of(bench)
-    asked = effects_asked(request.also, device)
     part = Part(captured, record_of(captured, drives_of(captured, device)), sample_of(captured, held_out))
     if fraction is None and "train" not in captured.segments:
         part = moving(part, device)
@@ -86,7 +84,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         _require_unclipped(captured)
         require_traceable(record, device, split)
         left = TimeLeft()
-        problem = Problem(record, device, settings, control_of(bench, captured), asked)
+        problem = Problem(record, device, settings, control_of(bench, captured))
 
         def told(stage: str, done: int, total: int) -> None:
             progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))

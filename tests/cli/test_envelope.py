@@ -97,7 +97,6 @@ def test_uneven_time_is_good_enough(hil, reed, drag):
         (("trace", "reed.arrow", "--bench", "reed.bench.toml", "--add", "more.bench.toml"), "leave out --add"),
         (("trace", "reed.arrow", "reed.arrow", "--bench", "reed.bench.toml"), "traced by itself"),
         (("trace", "reed.arrow", "--bench", "reed.bench.toml", "--missing-force"), "leave out --missing-force"),
-        (("trace", "reed.arrow", "--bench", "reed.bench.toml", "--also", "drag"), "envelope are tried anyway"),
         (("replay", "reed.arrow", "--bench", "reed.bench.toml"), "only hil trace can judge"),
         (("compare", "reed.arrow", "--bench", "reed.bench.toml"), "axes = 1"),
     ],

@@ -6,14 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from estimator.errors import ModelError
-from estimator.trace import trace as tracing
-from estimator.trace.problem import Problem
 from hil.bench import load_bench
-from hil.bench.examples import find
-from hil.errors import InputError
-from hil.inputs.declared import device_of
-from hil.tracing.also import effects_asked
 from tests.cli.conftest import Hil, in_lockstep
 
 RATE = 4000.0
@@ -74,39 +67,12 @@ def test_what_is_asked_is_checked_first(hil: Hil, tmp_path: Path) -> None:
         (("--bench", "silverbox"), "a record of 2 axes"),
         (("--bench", "nowhere"), "no such bench file"),
         (("--bench", "s-slow", "--arm"), "belong to --live"),
-        (("--bench", "s-slow", "--also", "drag_radail"), "--also: no effect 'drag_radail'; did you mean drag_radial?"),
-        (("--bench", "s-slow", "--also", "drag_radial,clock_rate"), "--also: clock_rate: no record tells it"),
-        (("--bench", "s-slow", "--also", "hysteretic_stiffness"), "hysteretic_stiffness: traced on a single axis only"),
-        (("--bench", "s-slow", "--also", "play"), "play: traced on a single axis only; declare it as [effects.play]"),
-        (("--bench", "rate-table-crs03", "--also", "drag_radial"), "effects of a rate sensor are tried anyway"),
         (("--bench", "s-slow", "--live", "--link", "serial:/dev/null"), "needs --arm"),
     ):
         code, out, err = hil("trace", name, *arguments)
         assert (code, out) == (2, ""), err
         assert says in err
         assert err.count("\n") == 1
-
-
-def test_on_a_single_axis_nothing_searches_for_the_speed_at_which_friction_falls() -> None:
-    single = device_of(load_bench(find("bench", "silverbox")))
-    assert effects_asked(("play, hysteretic_stiffness",), single) == ("play", "hysteretic_stiffness")
-    with pytest.raises(InputError, match="no trace of this device searches for its vs; declare it as"):
-        effects_asked(("stribeck_friction",), single)
-
-
-@pytest.mark.moderate
-def test_of_two_axes_the_whole_catalogue_is_tried_and_nothing_need_be_asked_for(
-    hil: Hil, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    name = imported(hil)
-
-    def asked(problem: Problem, **_: object) -> None:
-        raise ModelError(f"asked for {problem.asked}")
-
-    monkeypatch.setattr(tracing, "trace", asked)
-    code, _, err = hil("trace", name, "--bench", "s-slow", "--also", "drag_radial, cubic_damping_radial")
-    assert code == 2
-    assert err == f"hil: {name}: asked for ()\n"
 
 
 @pytest.mark.long

@@ -112,7 +112,6 @@ def test_four_loads_in_one_trace(bench):
         ([RECORDS[0], RECORDS[0]], "load-0: named twice"),
         ([RECORDS[0], "--covariate", "load_kg"], "--covariate and --hold-out belong to several records"),
         ([*RECORDS, "--fraction", "0.5"], "several records: they are held out whole"),
-        ([*RECORDS, "--also", "drag_radial"], "--also: drag_radial: needs two axes"),
         ([*RECORDS, "--add", "x.bench.toml"], "--add: of several records no bench file is written"),
         ([*RECORDS[:2]], "1 records to fit and 1 to judge"),
     ],

@@ -155,7 +155,7 @@ def test_a_way_and_its_derivatives(s, way):
 def test_its_axes_share_a_half_width_and_it_waits_to_be_asked():
     _, effect = effect_for("play", 2)
     assert [(c.name, c.unit) for c in effect.coefficients] == [("kpx", "1/s²"), ("kpy", "1/s²"), ("half_width", "m")]
-    assert (effect.on_request, effect.runs_freely) == (True, True)
+    assert (effect.rare, effect.runs_freely) == (True, True)
 
 
 def test_what_it_is_not_known_of_is_refused():

@@ -350,5 +350,5 @@ def test_states_every_few_samples_do_as_well_and_too_far_apart_are_refused() -> 
 
 
 def test_suspects_are_effects_of_the_catalogue_and_every_effect_that_a_record_can_show_is_one() -> None:
-    shown = {effect.name for effect in EFFECTS if not (effect.declared_only or effect.on_request)}
+    shown = {effect.name for effect in EFFECTS if not (effect.declared_only or effect.rare)}
     assert {name for sign in Sign for name in suspects(sign)} == shown

@@ -147,7 +147,7 @@ def test_what_is_no_record_path_or_bench_is_refused(tmp_path: Path) -> None:
         line = refusal(lambda name=name, value=value: hil.run(bench, **{"link": "inproc:s-slow", name: value}))
         assert line.startswith(f"{name}: expected")
     assert refusal(lambda: hil.compare(ARRAYS, bench, trace=5)).startswith("trace: expected")  # type: ignore[arg-type]
-    for name, value in (("fraction", "a"), ("also", 5), ("also", [5])):
+    for name, value in (("fraction", "a"), ("hold_out", 5), ("hold_out", [5])):
         line = refusal(lambda name=name, value=value: hil.trace(ARRAYS, bench, **{name: value}))
         assert line.startswith(f"{name}: expected")
     assert refusal(lambda: hil.sweep("s-slow-noise", workers="2")).startswith("workers: expected")  # type: ignore[arg-type]
@@ -169,7 +169,5 @@ def test_a_run_is_taken_wherever_a_run_is_meant(whole_run: Path, tmp_path: Path)
     assert refusal(lambda: hil.export(run, tmp_path / "y", to="foo")).startswith("to: foo is no known format")
 
 
-def test_an_effect_on_request_is_one_name_or_several(tmp_path: Path) -> None:
-    line = refusal(lambda: hil.trace(ARRAYS, "s-slow", also="drag_radiall", out=tmp_path))
-    assert line == "also: no effect 'drag_radiall'; did you mean drag_radial?"
+def test_a_share_that_is_none_is_refused_by_its_argument(tmp_path: Path) -> None:
     assert refusal(lambda: hil.trace(ARRAYS, "s-slow", fraction=2, out=tmp_path)).startswith("fraction: 2 is no share")

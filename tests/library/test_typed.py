@@ -39,7 +39,7 @@ def close_the_loop(t_s: npt.NDArray[np.float64], x_V: npt.NDArray[np.float64]) -
             print(effect.name, symbol, found.value, found.ci95, found.unit)
     diagnosis.plot().savefig("trace.png")
     hil.trace({"t_s": t_s, "vx_V": x_V, "ux_N": x_V}, "my.bench.toml", hold="foh").report()
-    hil.trace(run.capture.to_pandas(), bench, also="drag_radial", nonuniform=True)
+    hil.trace(run.capture.to_pandas(), bench, nonuniform=True)
     hil.replay(run.capture, bench)
     print([run.capture[name].mean() for name in run.capture.columns])
     kept = hil.load_trace(diagnosis.path)
