@@ -28,7 +28,7 @@ def candidates(problem: Problem, included: Effects, seen: Evaluation, *, freely:
     """Effects that are not in the model, each with its parameters, SI; with a label where it has several starts.
 
     A line or a mode may be there more than once; what is searched for as an included effect is, begins where that one
-    is too: it may be in its place. freely: with what only a free run can show.
+    is too: it may be in its place. freely: of a single axis, with what only a free run can show.
     """
     starts = _starts(problem, seen)
     kinds = {kind(name) for name in included}
@@ -62,7 +62,9 @@ def _possible(problem: Problem, freely: bool) -> Iterator[Effect]:
     for effect in (*EFFECTS, *device.own):
         if effect.declared_only or effect.on(device.axes) is None or not senses_allow(effect, device):
             continue
-        if (effect.runs_freely and not freely) or (effect.delayed is not None and not np.any(record.drive)):
+        if effect.runs_freely and not (freely and device.axes == 1):
+            continue
+        if effect.delayed is not None and not np.any(record.drive):
             continue
         if not has_signals(effect.signals, record):
             continue

@@ -1,34 +1,15 @@
 """Where a search for a mode that rings freely begins: a line that free runs leave, and how fast it dies away."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.effects.catalogue import EFFECTS
-from estimator.effects.search import Search
 from estimator.scaling import Array
-from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.problem import Effects
 from estimator.trace.start_values import resonance
 
 _SET = THRESHOLDS.candidates
-
-
-def begun(device: Device, asked: Collection[str], residuals: Sequence[Array]) -> Effects:
-    """Effects that are searched for by rings and asked for, by name, each with where its coefficients begin, SI;
-    residuals (n, axes) of free runs of one device without them.
-    """
-    wanted = [effect for effect in EFFECTS if effect.search is Search.RINGS and effect.name in asked]
-    found = rings(residuals, device.sample_rate, float(np.sqrt(device.target))) if wanted else []
-    return {
-        effect.name if number == 1 else f"{effect.name}:{number}": {
-            one.name: value for one, value in zip(effect.coefficients, ring, strict=False)
-        }
-        for effect in wanted
-        for number, ring in enumerate(found, start=1)
-    }
 
 
 def rings(residuals: Sequence[Array], sample_rate: float, itself: float) -> list[tuple[float, float]]:

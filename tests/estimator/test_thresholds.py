@@ -2,6 +2,7 @@
 
 import ast
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -28,21 +29,37 @@ def test_values_hold_every_threshold_once() -> None:
     assert listed == {one.name: one.value for one in each(THRESHOLDS)}
 
 
-@pytest.mark.moderate
-def test_no_module_of_tracing_has_a_tuned_number_of_its_own() -> None:
+def test_no_module_of_the_residual_has_a_tuned_number_of_its_own() -> None:
     """A constant of a module that is a number, or several, is a threshold; but for the listed ones, each with why."""
     facts = {
         ("analysis", "_FAMILIES"),  # how many kinds of finding the module has
         ("analysis", "_SMALLEST_POWER"),  # of a text
         ("spectrum", "_CORRELATED"),  # of a Hann window
     }
-    found = set()
-    modules = [*(ROOT / "estimator" / "trace").glob("*.py"), *(ROOT / "estimator" / "residual").glob("*.py")]
-    for module in modules:
-        for statement in ast.parse(module.read_text(encoding="utf-8")).body:
-            if isinstance(statement, ast.Assign) and any(_number(node) for node in _parts(statement.value)):
-                found |= {(module.stem, name.id) for name in statement.targets if isinstance(name, ast.Name)}
+    found = {(module, name) for module, name, _ in _numbers(ROOT / "estimator" / "residual")}
     assert found == facts
+
+
+def test_each_number_of_the_tracer_has_its_reason_beside_it() -> None:
+    numbers = _numbers(ROOT / "estimator" / "trace")
+    assert len(numbers) > 10
+    assert [(module, name) for module, name, reason in numbers if not reason] == []
+
+
+def _numbers(room: Path) -> list[tuple[str, str, bool]]:
+    """Constants of the modules of a room that are numbers: module, name, and whether a docstring below or a comment on
+    the line or above says why."""
+    found = []
+    for module in sorted(room.glob("*.py")):
+        text = module.read_text(encoding="utf-8")
+        lines, body = text.splitlines(), ast.parse(text).body
+        for statement, following in pairwise([*body, ast.Pass()]):
+            if isinstance(statement, ast.Assign) and any(_number(node) for node in _parts(statement.value)):
+                told = isinstance(following, ast.Expr) and isinstance(following.value, ast.Constant)
+                beside = lines[max(statement.lineno - 2, 0) : statement.lineno]
+                reason = told or "#" in beside[-1] or beside[0].lstrip().startswith("#")
+                found += [(module.stem, name.id, reason) for name in statement.targets if isinstance(name, ast.Name)]
+    return found
 
 
 def _parts(value: ast.expr) -> list[ast.expr]:

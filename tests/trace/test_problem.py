@@ -13,7 +13,7 @@ from tests.estimator.device import NOMINAL
 RECORD = Record(np.arange(16.0).reshape(8, 2), np.zeros((8, 2, 1)), np.array([0.25] * 4 + [0.5] * 4))
 SETTINGS = ObserverSettings(memory=7.0, effects={"drag": {"dqx": 1.0}})
 LAW = ControllerSettings(3, 1e-3, 1.0, 1e-5)
-PROBLEM = Problem(RECORD, NOMINAL, SETTINGS, LAW, ("backlash",), {"ring": {"wm": 2.0}})
+PROBLEM = Problem(RECORD, NOMINAL, SETTINGS, LAW)
 
 
 def test_what_is_carried_is_what_the_observer_is_set_to_carry() -> None:

@@ -19,7 +19,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.pool import Member, Pool
 from estimator.trace.pool_trace import trace_pool
 from estimator.trace.problem import Problem
-from estimator.trace.rings import begun, rings
+from estimator.trace.rings import rings
 from estimator.trace.trace import trace
 
 RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0
@@ -149,17 +149,6 @@ def device(sensed: Sensed = Sensed.VELOCITY) -> Device:
     )  # fmt: skip
 
 
-def test_it_is_searched_for_only_where_it_is_asked_for() -> None:
-    residual = [noisy(1, (1.0, WM, DM, 0.3))]
-    assert begun(device(), (), residual) == {}
-    assert begun(device(), ("backlash", "drag"), residual) == {}
-    found = begun(device(), ("drag", NAME), residual)
-    assert list(found) == [NAME, f"{NAME}:2"]
-    (first, second) = rings(residual, RATE, float(np.sqrt(device().target)))
-    assert found[NAME] == dict(zip(("wm", "dm"), first, strict=True))
-    assert found[f"{NAME}:2"] == dict(zip(("wm", "dm"), second, strict=True))
-
-
 def decay(rng: np.random.Generator, ringing: bool) -> Record:
     """A linear decay, V of velocity, and another mode beside it, each from where this record begins."""
     omega = math.sqrt(K - 0.25 * D * D)
@@ -210,7 +199,7 @@ def test_one_mode_alone_needs_no_other() -> None:
 @pytest.mark.moderate
 def test_one_decay_tells_it_too_and_predicts_the_part_held_out() -> None:
     """Which begins at another phase of both modes."""
-    problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE, asked=(NAME,))
+    problem = Problem(decay(np.random.default_rng(5), True), device(), ALONE)
     found = trace(problem, split=round(0.6 * SAMPLES))
     assert found.verdict is Verdict.EXPLAINED
     inside(found)
@@ -221,7 +210,7 @@ def test_a_displacement_shows_it_in_the_same_form() -> None:
     record = decay(np.random.default_rng(5), True)
     seen = replace(record, sense=record.sense / ITSELF)
     shows = replace(device(Sensed.DISPLACEMENT), noise=(NOISE / ITSELF,))
-    inside(trace(Problem(seen, shows, ALONE, asked=(NAME,)), split=round(0.6 * SAMPLES)))
+    inside(trace(Problem(seen, shows, ALONE), split=round(0.6 * SAMPLES)))
 
 
 @pytest.mark.long

@@ -40,7 +40,7 @@ def test_a_radial_law_is_named_beside_that_of_each_axis(tmp_path: Path, name: st
     write_capture(tmp_path / "capture.arrow", close_loop(scenario, bench, SAMPLES, seed=3, every=1000), scenario, None)
     capture = read_capture(tmp_path / "capture.arrow")
     settings = observer_settings_of(bench)
-    problem = Problem(record_of(capture), device, settings, control_of(bench, capture), asked=RADIAL)
+    problem = Problem(record_of(capture), device, settings, control_of(bench, capture))
     said = trace(problem, split=round(0.6 * SAMPLES))
     assert said.verdict is Verdict.EXPLAINED
     (found,) = said.effects

@@ -32,7 +32,7 @@ def test_its_size_and_its_speeds_lie_in_their_intervals(tmp_path: Path) -> None:
     write_capture(tmp_path / "capture.arrow", close_loop(scenario, bench, SAMPLES, seed=5, every=1000), scenario, None)
     capture = read_capture(tmp_path / "capture.arrow")
     settings, control = observer_settings_of(bench), control_of(bench, capture)
-    problem = Problem(record_of(capture), device, settings, control, asked=("stribeck_friction",))
+    problem = Problem(record_of(capture), device, settings, control)
     said = trace(problem, split=round(0.6 * SAMPLES))
     assert said.verdict is Verdict.EXPLAINED
     (found,) = said.effects
