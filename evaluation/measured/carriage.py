@@ -13,12 +13,12 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.record import Record
-from estimator.refinement import Refined, refine
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from estimator.side_by_side import side_by_side
 from estimator.simulation import simulate
 from evaluation.measured.inverse_dynamics import Motion
+from evaluation.measured.refinement import Refined, refine
 
 Effects = Mapping[str, Mapping[str, float]]
 

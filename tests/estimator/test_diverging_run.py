@@ -5,8 +5,8 @@ import pytest
 
 from estimator.errors import ModelError
 from estimator.observer import Observer
-from estimator.refinement import refine
 from estimator.simulation import simulate
+from evaluation.measured.refinement import refine
 from tests.estimator.driven_axis import DEVICE, RATE, SETTINGS, state_of
 
 OBSERVER = Observer(DEVICE, SETTINGS)

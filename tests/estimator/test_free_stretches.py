@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from estimator.free_stretches import FreeRuns
 from estimator.gaps import Gaps
 from estimator.observer import Observer
 from estimator.record import Record
-from estimator.refinement import Refined, refine
 from estimator.simulation import simulate
+from evaluation.measured.free_stretches import FreeRuns
+from evaluation.measured.refinement import Refined, refine
 from tests.estimator.driven_axis import DEVICE, DRIVE, RATE, SETTINGS, state_of
 
 N = len(DRIVE)

@@ -10,10 +10,10 @@ from scipy.integrate import solve_ivp
 from estimator.effects.catalogue import effect_for
 from estimator.errors import ModelError
 from estimator.observer import Observer
-from estimator.refinement import refine
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed
 from estimator.simulation import simulate
+from evaluation.measured.refinement import refine
 from tests.estimator.flow_pieces import Push, sensed_otherwise, senses_otherwise
 from tests.estimator.gyro_loop import Truth, free_motion
 from tests.estimator.test_effects import base, values

@@ -9,9 +9,9 @@ from scipy.integrate import solve_ivp
 from estimator.errors import ModelError
 from estimator.hold import drive_polynomials
 from estimator.observer import Observer
-from estimator.refinement import refine
 from estimator.settings import Device, ObserverSettings, Sensed, Spread
 from estimator.simulation import simulate
+from evaluation.measured.refinement import refine
 
 RATE = 600.0
 SINGLE = Device(

@@ -17,10 +17,10 @@ from scipy.optimize import least_squares
 
 from estimator.correlation import effective_samples
 from estimator.errors import ModelError
-from estimator.free_stretches import FreeRuns
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
+from evaluation.measured.free_stretches import FreeRuns
 
 _T95 = 1.959963984540054
 _FARTHEST = 1e12  # × the noise: a run that is so far off has left the record, and its squares all numbers
@@ -83,7 +83,7 @@ def refine(
     start (states + constants,) SI, by default what the observer holds; free: the names that may change, by default all
     that the observer estimates; rows: the samples whose residual counts, by default all; runs: free runs at most;
     known: what is declared, of any of the free ones; stretches: parts of the record that gaps keep apart, each of which
-    has a start of its own (`estimator.free_stretches`).
+    has a start of its own (`evaluation.measured.free_stretches`).
 
     Raises ModelError for unknown names, for rows without samples, and for a start from which the run leaves all bounds.
     """
