@@ -165,12 +165,12 @@ def disturbance(seen: Evidence) -> list[Check]:
         * np.exp(2.0 * (seen.disturbed.logs.sum() - seen.quiet.logs.sum()) / seen.quiet.count.sum())
     )
     share = 1.0 - float(ratio)
-    return [
-        Check(
-            "disturbance", share < DISTURBANCE,
-            f"a nonparametric disturbance explains {share:.2%} of the innovation's power",
-        )
-    ]  # fmt: skip
+    told = (
+        f"a nonparametric disturbance explains {share:.2%} of the innovation's power"
+        if np.isfinite(share)
+        else "without a random force the model loses the motion"
+    )
+    return [Check("disturbance", share < DISTURBANCE, told)]
 
 
 def reference(seen: Evidence) -> list[Check]:

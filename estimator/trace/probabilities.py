@@ -39,7 +39,11 @@ def probabilities(
 
 
 def _classes(effect: str | None, gains: Mapping[str, float]) -> Classes:
+    """Of an account that loses the motion the gain is no number: it is as improbable as can be.  Beside a model that
+    loses it, one that does not gains without bound: it is certain.
+    """
+    gains = {name: -np.inf if np.isnan(gain) else gain for name, gain in gains.items()}
     top = max(gains.values())
-    weights = {name: float(np.exp(0.5 * (gain - top))) for name, gain in gains.items()}
+    weights = {name: 1.0 if gain == top else float(np.exp(0.5 * (gain - top))) for name, gain in gains.items()}
     total = sum(weights.values())
     return Classes(effect, dict(sorted(((n, w / total) for n, w in weights.items()), key=lambda item: -item[1])))
