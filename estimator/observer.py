@@ -276,11 +276,6 @@ class Observer:
             self._control(record, controller)
         return record
 
-    @property
-    def _senses_otherwise(self) -> bool:
-        """Whether a channel shows something else than the displacement, for which the general kernels are."""
-        return any(sensed is not Sensed.DISPLACEMENT for sensed in self.device.sensed)
-
     def _require_senses(self, device: Device) -> None:
         """Refuse what is not known of what is sensed."""
         if device.axes != 1 and Sensed.ACCELERATION in device.sensed:
@@ -545,10 +540,6 @@ class Observer:
             own[rows, :] = 0.0
             own[:, rows] = 0.0
             own[np.ix_(rows, rows)] = covariance / np.outer(scale, scale)
-
-    def carry_both(self) -> None:
-        """Propagate both covariances where one would do, a plain EKF's being equal: so they run in registers."""
-        self._record["two_covariances"] = 1
 
     def allow_steps(self, longest: float, degree: int) -> None:
         """Integrate steps up to `longest`, scaled, under a drive that is a polynomial of that degree."""

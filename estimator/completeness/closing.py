@@ -137,7 +137,7 @@ def _scanned(
     if constants:
         of = replace(of, known=declared)
         base = beside(of, base, constants, limits.innovation_ratio)
-    effects = {name: given for name, given in tested.items() if name not in constants}
+    effects: Effects = {name: given for name, given in tested.items() if name not in constants}
     margin = margin_of(len({kind(name) for name in tested}))
     progress("scan", 1, rounds)
     seen, turning = together(
@@ -162,11 +162,7 @@ def _scanned(
         assert found.model is not None
         harmless.append(found)
         base = maximise(of, at(of, found.model.layout, found.model.model))
-        there = set(base.model.effects)
-        kinds = {kind(name) for name in there}
-        effects = {
-            n: given for n, given in effects.items() if n not in there and (kind(n) not in kinds or "omega" in given)
-        }
+        effects = beside_those(effects, base.model.effects)
         seen = scores_of(of, base, effects, constants)
     progress("scan", rounds, rounds)
     for item in harmless:

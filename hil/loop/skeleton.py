@@ -297,10 +297,6 @@ class Loop(ABC):
             self._pause = None
         return max(min(tick - 1, pause.armed) + 1 - self._next, 0) if tick - 1 > pause.safe else 0
 
-    def _stale(self, tick: int) -> bool:
-        """Whether a row is from before the board was armed again."""
-        return self._pause is not None and tick <= self._pause.safe
-
     def _require_possible(self, tick: int, missing: int, stopped: int) -> None:
         """See to ticks that cannot have passed, of `missing` ones before `tick`, `stopped` of them in SAFE.
 

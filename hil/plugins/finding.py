@@ -56,7 +56,7 @@ def found(kind: Kind, name: str) -> Callable[..., Any] | Path:
 
 
 def require_no_files(bench: Bench, place: str) -> None:
-    """InputError for a plug-in that is a file, in a bench that comes from elsewhere: whoever sends it must not choose
+    """InputError for a plug-in that is a file, in a bench that comes from elsewhere: its sender must not choose
     what this machine runs. What its owner has installed may be named.
     """
     for section, name in (("observer", bench.observer.plugin), ("controller", bench.controller.plugin)):

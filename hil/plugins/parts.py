@@ -159,7 +159,7 @@ class InPython(PluginPart):
             self.raised, self._state.raised = error, 1
 
     def _estimate(self) -> Estimate:
-        """That of whoever observed."""
+        """That of the part that observed."""
         said, states = self._said.tolist(), len(self._names)
         state = dict(zip(self._names, said[_SINGLES : _SINGLES + states], strict=True))
         beyond = _SINGLES + native.STATES

@@ -1,6 +1,6 @@
 """An observer of the loop in which a plug-in stands for the observer, the controller, or both.
 
-What a plug-in says goes through the checks in C (native/step.h) and stands where the core would have put it: whoever
+What a plug-in says goes through the checks in C (native/step.h) and stands where the core would have put it: what
 records, scores or reports does not ask whose it is.
 """
 
@@ -210,7 +210,7 @@ class PluggedObserver(Plugged):
         return super().arrays._replace(memory=self._own.arrays.memory)
 
     def enable_control(self, on: bool) -> None:
-        """Of whoever controls."""
+        """Of the part that controls."""
         super().enable_control(on)
         self._own.enable_control(on)
 

@@ -176,7 +176,7 @@ static bool controlled(plugin_t *plugin, double codes[2])
     return true;
 }
 
-/* The drive for the interval `latency` samples on, by whoever controls. */
+/* The drive for the interval `latency` samples on, by the part that controls. */
 static void drive(plugin_t *plugin, double codes[2])
 {
     const own_t *own = &plugin->own;

@@ -80,7 +80,7 @@ typedef struct {
     int64_t fault, part, entry;
     double value;
     int64_t raised;  /* a plug-in in Python */
-    int64_t *failed; /* of whoever calls; NULL for nobody */
+    int64_t *failed; /* of the caller; NULL for none */
 } plugin_t;
 
 enum { PART_NONE, PART_OBSERVE, PART_CONTROL, PARTS };
