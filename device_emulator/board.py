@@ -15,10 +15,15 @@ An interval that has begun cannot be changed: a drive is late when the one at it
 tick that is due a drive and gets none holds the last one. Both are counted. Without latency, which only
 lockstep allows, the interval after the last row waits for the answer.
 
+In force mode the turn over samples, from a drive to the next SENSE, is one call into C (`native/board.h`), which asks
+Python for what is no sample. There is one copy of each number, `_c`, which both work on. In the host's own process the
+host's turn calls it without Python (`memory`).
+
 In gain mode the board closes the loop itself (`device_emulator.feedback`) with the matrix last heard; its server says
 by `pass_time` how far wall time has come before it hands on what the host said, so that nothing acts on the past.
 """
 
+import ctypes
 import time
 from collections.abc import Callable
 from typing import Any
@@ -26,9 +31,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from device_emulator import native
 from device_emulator.device import Device
-from device_emulator.drive import Schedule, drive_code_max, drive_scale
+from device_emulator.drive import drive_code_max, drive_scale
 from device_emulator.feedback import Feedback, Matrix
+from device_emulator.native import ANSWER, ASK, COMMAND, HORIZON, MOST_SAID, NONE, PASS, Ask, BoardState
 from device_emulator.registers import Refused, Registers
 from device_emulator.scenario import Scenario
 from hil.wire.codec import type_of
@@ -56,22 +63,57 @@ from hil.wire.messages import (
     State,
     Status,
     TimeSync,
+    TrimOutput,
+    TrimRead,
 )
 from hil.wire.sense import Sense
-from hil.wire.serial_format import SERIAL
+from hil.wire.serial_format import SERIAL, SerialDecoder, SerialFormat
 from hil.wire.spec import SPEC
-from hil.wire.stream import Receiver, Transmitter
+from hil.wire.stream import Received, Receiver, Transmitter
 
 _BOARD_TYPES = frozenset(layout.type for layout in SPEC.messages.values() if layout.sender == "board")
 _PASSING = SafeReason.LINK_LOST  # the one reason a host may give that does not latch
 _LATCHING = (SafeReason.HOST_REQUEST, SafeReason.INTERRUPTED, SafeReason.RESIDUAL)
 
-HORIZON = 1 << 16
-"""An effective tick up to this far ahead is to come; any other, in 32 bits, has passed."""
-
 _DRIVE_LIMIT = SPEC.registers["DRIVE_LIMIT"].id
 _TICK = 0xFFFFFFFF
-_HELD, _CLIPPED, _SATURATED = (int(flag) for flag in SenseFlags)  # plain integers: the flags are slow
+_CLIPPED, _SATURATED = int(SenseFlags.CLIPPED), int(SenseFlags.SATURATED)  # plain integers: the flags are slow
+
+
+def _kept(name: str) -> Any:
+    """A number that stands where C has it."""
+    return property(lambda self: getattr(self._state, name), lambda self, value: setattr(self._state, name, value))
+
+
+class _Numbered(Transmitter):
+    """A transmitter whose count stands where C has it."""
+
+    def __init__(self, form: FrameFormat, state: BoardState) -> None:
+        self._state = state
+        super().__init__(form)
+
+    seq = _kept("seq")
+
+
+class _Following(Receiver):
+    """A receiver that is where C is in the peer's sequence and ticks."""
+
+    def __init__(self, form: FrameFormat, foreign: frozenset[int], state: BoardState) -> None:
+        self._state = state
+        super().__init__(form, foreign)
+
+    tick = _kept("heard")
+    run = _kept("run")
+
+    @property
+    def expected(self) -> int | None:
+        """Sequence number of the next frame."""
+        expected = self._state.expected
+        return None if expected == NONE else expected
+
+    @expected.setter
+    def expected(self, number: int | None) -> None:
+        self._state.expected = NONE if number is None else number
 
 
 class Board:
@@ -85,11 +127,11 @@ class Board:
         self._clocks = clocks
         self.format = form
         self._code_max = drive_code_max(scenario)
-        self._width = 2 if max(scenario.sense.adc_bits, scenario.drive.dac_bits) <= 16 else 3
         self._latency = scenario.drive.latency_samples
         self._tick_ns = 1e9 / scenario.board.sample_rate_Hz
         self._pace = 1.0 + scenario.faults.clock_skew
         self._identity = _identity(scenario, clocks)
+        self._trims = scenario.trim
         self._rate_Hz = scenario.board.sample_rate_Hz
         tripped = scenario.faults.tripped
         self._spells = [(round(spell.start_s * self._rate_Hz), spell.duration_s * self._rate_Hz) for spell in tripped]
@@ -105,35 +147,80 @@ class Board:
             DriveGains: self._gains,
             DriveBoard: self._no_estimator,
         }
+        if scenario.trim:
+            self._answers[TrimRead] = self._trim
+        self._c = BoardState(
+            stream=isinstance(form, SerialFormat),
+            width=2 if max(scenario.sense.adc_bits, scenario.drive.dac_bits) <= 16 else 3,
+            latency=self._latency,
+            protects=bool(self._spells),
+        )
+        self._waiting = np.zeros(HORIZON, COMMAND)
+        self._raised: BaseException | None = None
+        self._point()
         self.power_up()
+
+    def _point(self) -> None:
+        """Tell the C side where things are."""
+        self._ask = ASK(self._asked)
+        self._to = ctypes.create_string_buffer(MOST_SAID)
+        self._c.ask = ctypes.cast(self._ask, ctypes.c_void_p).value or 0
+        self._c.device, self._c.waiting = self._device.address, self._waiting.ctypes.data
+        self._at, self._to_at = ctypes.addressof(self._c), ctypes.addressof(self._to)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """All but addresses, which mean nothing elsewhere."""
+        return {name: value for name, value in self.__dict__.items() if name not in ("_ask", "_to", "_at", "_to_at")}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        self.__dict__.update(kept)
+        self._point()
+
+    @property
+    def memory(self) -> tuple[int, int]:
+        """For a host in the same process: as `hil.wire.inproc.Board` has it."""
+        return ANSWER, self._at
 
     def power_up(self) -> None:
         """Begin as after switching on: nothing remembered but what the device itself does. Its ticks go on."""
-        self._schedule = Schedule()
-        self._rx = Receiver(self.format, _BOARD_TYPES)
-        self._tx = Transmitter(self.format)
-        self.registers = Registers(self._clocks, self._rate_Hz)
+        c = self._c
+        passed_over = _BOARD_TYPES if self._trims else _BOARD_TYPES | {type_of(TrimRead)}
+        self._rx = _Following(self.format, passed_over, c)
+        self._tx = _Numbered(self.format, c)
+        self.registers = Registers(self._clocks, self._rate_Hz, self._trims)
+        self._obey()
         self.state = State.BOOT
         self._reason = SafeReason.NONE
         self._greeted = False  # the last HELLO matched
         self._latched = False  # a stop stands that only HELLO lifts
         self._faulty = False
-        self.dropped = 0  # SENSE blocks, by whoever sends them
-        self._late = self._held = self._saturated = self._trips = 0
-        self._due = 0  # next tick that needs a drive, while RUNNING
-        self._fed = 0  # tick at which the watchdog was last fed
-        self._block: list[NDArray[np.int32]] = []  # gain mode: rows of the next SENSE
-        self._block_flags = 0
+        self.dropped = 0  # SENSE blocks, by the sender
+        c.late = c.held = c.saturated = c.trips = c.due = c.fed = c.pending = 0
+        native.forget(self._at)
+        self._forget_block()
         self._feedback = Feedback(self._latency, self._code_max)
+        self._zero_trims()
+
+    @property
+    def state(self) -> State:
+        """What STATUS tells."""
+        return State(self._c.state)
+
+    @state.setter
+    def state(self, state: State) -> None:
+        self._c.state = state
 
     @property
     def streaming(self) -> bool:
         """Whether SENSE is due."""
-        return self.state is State.RUNNING or self.state is State.ARMED
+        return self._c.state in (State.RUNNING, State.ARMED)
 
-    @property
-    def _limit(self) -> int:
-        return min(self.registers.drive_limit, self._code_max)
+    def _obey(self) -> None:
+        """Have the turn follow the registers."""
+        c, registers = self._c, self.registers
+        c.lockstep, c.gain_mode = registers.lockstep, registers.gain_mode
+        c.block, c.watchdog, c.status_every = registers.block, registers.watchdog, registers.status_every
+        c.limit = min(registers.drive_limit, self._code_max)
 
     @property
     def rows(self) -> int:
@@ -143,7 +230,7 @@ class Board:
     @property
     def missing(self) -> int:
         """Rows that the next SENSE still lacks."""
-        return self.registers.block - sum(map(len, self._block))
+        return int(self._c.block - self._c.count)
 
     @property
     def tick(self) -> int:
@@ -152,13 +239,11 @@ class Board:
 
     def exchange(self, data: bytes) -> bytes:
         """Take the host's bytes; return what the board says to them, in lockstep including the next SENSE."""
-        if self.state is State.RUNNING and not self.registers.gain_mode:
-            drive = self._rx.take_drive(data)
-            if drive is not None:
-                self._queue(*drive)
-                return self.block() if self.registers.lockstep else b""
+        size = PASS if self._raised else native.answer(self._at, data, len(data), self._to_at)
+        if size != PASS or self._raised:  # within a call of the host's turn, too
+            return self._put(size)
         said = b""
-        for received in self._rx.feed(data):
+        for received in self._heard(data):
             message = received.message
             answer = self._answers.get(type(message))
             repeated = isinstance(message, Arm) and self.state is State.ARMED
@@ -177,31 +262,57 @@ class Board:
 
     def block(self) -> bytes:
         """Go on by one block of ticks: its SENSE, and STATUS where one is due."""
-        device, held, n = self._device, self._schedule, self.registers.block
-        first = device.tick + 1
         if self.registers.gain_mode:
-            first -= n - self.missing
-            said = self._closed_block(first)
-        elif n == 1:
-            flags = self._begin(first - 1)
-            ux, uy, limited = held.held
-            vx, vy = device.row(ux, uy)
-            flags |= device.clipped * _CLIPPED | limited * _SATURATED
-            said = self._tx.encode_row(first, vx, vy, ux, uy, flags, self._width)
-        else:
-            codes = np.empty((n, 4), np.int32)
-            flags = 0
-            for row in range(n):
-                flags |= self._begin(first - 1 + row)
-                codes[row, 2], codes[row, 3], limited = held.held
-                flags |= limited * _SATURATED
-            codes[:, :2] = device.rows(codes[:, 2:])
-            flags |= device.clipped * _CLIPPED
-            said = self._tx.encode(Sense(codes, self._width, flags), first)
-        every = self.registers.status_every
-        if not self.streaming or (every and (first + n - 1) // every > (first - 1) // every):
-            said += self._say(self.status())
-        return said
+            self._close_loop(self.missing)
+            self._c.matrix = self._feedback.matrix_id
+            return self._put(native.tell(self._at, self._to_at))
+        return self._put(native.go_on(self._at, self._to_at))
+
+    def _put(self, size: int) -> bytes:
+        """What C has put down, so many bytes. Raises what Python raised within the call."""
+        if size != PASS:
+            return ctypes.string_at(self._to_at, size)
+        assert self._raised is not None
+        raised, self._raised = self._raised, None
+        raise raised
+
+    def _asked(self, what: int, value: int, to: int | None) -> int:
+        """What C asks for; what this raises is raised again when C has returned."""
+        said = b""
+        try:
+            match what:
+                case Ask.PAGE:
+                    self._device.prepare()
+                case Ask.PROTECT:
+                    self._protect(value)
+                case Ask.STARVED:
+                    self.enter_safe(SafeReason.WATCHDOG)
+                case Ask.SENSE:
+                    c = self._c
+                    said = self._tx.encode(Sense(self._codes[: c.count], c.width, c.flags, c.matrix), value)
+                case Ask.STATUS:
+                    said = self._say(self.status())
+        except BaseException as error:  # noqa: BLE001 - Ctrl-C as well
+            self._raised = error
+            return PASS
+        if to is not None:
+            ctypes.memmove(to, said, len(said))
+        return len(said)
+
+    @property
+    def _codes(self) -> NDArray[np.int32]:
+        """Rows of the next SENSE, lent."""
+        return np.ctypeslib.as_array(self._c.codes)
+
+    def _heard(self, data: bytes) -> list[Received]:
+        """The messages in what the host says. A single drive on a link of frames is told apart in a short way."""
+        rx, c = self._rx, self._c
+        if not c.stream and c.state == State.RUNNING and not c.gain_mode and (drive := rx.take_drive(data)) is not None:
+            rx.refused = []
+            return [Received(rx.tick, -1, DriveForce(*drive))]
+        received = rx.feed(data)
+        c.pending = isinstance(rx.decoder, SerialDecoder) and (rx.decoder.pending > 0 or rx.decoder.skipping)
+        return received
 
     def pass_time(self, tick: int) -> bytes:
         """In gain mode, go on to `tick` where that lies within the next SENSE; returns it if the watchdog ends it."""
@@ -211,56 +322,31 @@ class Board:
         self._close_loop(rows)
         return b"" if self.streaming else self.block()
 
-    def _closed_block(self, first: int) -> bytes:
-        self._close_loop(self.missing)
-        codes = np.concatenate(self._block)
-        sense = Sense(codes, self._width, self._block_flags, self._feedback.matrix_id)
-        self._forget_block()
-        return self._tx.encode(sense, first)
-
     def _close_loop(self, rows: int) -> None:
         """Produce rows with the loop closed on this board, up to where a matrix is switched or the watchdog trips."""
-        device, feedback = self._device, self._feedback
+        device, feedback, c = self._device, self._feedback, self._c
         feedback.obey(self.registers)
         while rows:
             if self._spells:
                 self._protect(self.tick)
             n = min(rows, feedback.switch(device.tick + 1) - device.tick - 1, self._until_fault())
-            if self.state is State.RUNNING:
-                left = self._fed + self.registers.watchdog - device.tick
+            if c.state == State.RUNNING:
+                left = c.fed + c.watchdog - device.tick
                 if left <= 0:
-                    self._trips += 1
+                    c.trips += 1
                     self.enter_safe(SafeReason.WATCHDOG)
                 else:
                     n = min(n, left)
             limited = int(feedback.record["limited"][0])
-            self._block.append(device.closed_rows(feedback.record, n))
+            self._codes[c.count : c.count + n] = device.closed_rows(feedback.record, n)
             limited = int(feedback.record["limited"][0]) - limited
-            self._saturated += limited
-            self._block_flags |= device.clipped * _CLIPPED | (limited > 0) * _SATURATED
+            c.count += n
+            c.saturated += limited
+            c.flags |= device.clipped * _CLIPPED | (limited > 0) * _SATURATED
             rows -= n
 
     def _forget_block(self) -> None:
-        self._block, self._block_flags = [], 0
-
-    def _begin(self, tick: int) -> int:
-        """Settle which drive is held over the interval that starts at `tick`; returns flags for its row."""
-        if self._spells and self.streaming:
-            self._protect(tick)
-        came = self._schedule.take(tick)
-        if self.state is not State.RUNNING:
-            return 0
-        if tick - self._fed >= self.registers.watchdog:
-            self._trips += 1
-            self.enter_safe(SafeReason.WATCHDOG)
-            return 0
-        if tick != self._due:
-            return 0
-        self._due += self.registers.block
-        if came:
-            return 0
-        self._held += 1
-        return _HELD
+        self._c.count = self._c.flags = 0
 
     def coast(self, ticks: int) -> bytes:
         """Let the mass swing for some ticks under zero force, unwatched; returns STATUS if a fault came meanwhile."""
@@ -275,8 +361,15 @@ class Board:
     def enter_safe(self, reason: SafeReason) -> None:
         """Zero force from the present interval on."""
         self.state, self._reason = State.SAFE, reason
-        self._schedule.clear()
+        self._zero_trims()
+        native.forget(self._at)
         self._feedback.open()
+
+    def _zero_trims(self) -> None:
+        """Put the trim outputs to 0; the electrodes follow."""
+        self.registers.zero_trims()
+        for output in self.registers.trims.values():
+            self._device.trim(output, 0.0)
 
     def hang_up(self) -> None:
         """The host is gone: a board that streams goes to SAFE; others stay as they are."""
@@ -306,15 +399,16 @@ class Board:
 
     def status(self) -> Status:
         """State and counters."""
+        c = self._c
         return Status(
             state=self.state,
             reason=self._reason,
-            late=self._late,
-            held=self._held,
+            late=c.late,
+            held=c.held,
             bad_frames=self._rx.bad + self._rx.passed_over,
             lost_seq=self._rx.lost,
-            saturated=min(self._saturated, _TICK),
-            watchdog_trips=self._trips,
+            saturated=min(c.saturated, _TICK),
+            watchdog_trips=c.trips,
             dropped=self.dropped,
             tick=self.tick & _TICK,
         )
@@ -328,19 +422,8 @@ class Board:
 
     def _queue(self, ux: int, uy: int, effective_tick: int) -> int | None:
         """Queue a drive within its limits; returns its effective tick, or None if that has passed."""
-        first_open = self._device.tick + (self._latency > 0)
-        ahead = (effective_tick - first_open) & _TICK
-        if ahead >= HORIZON:
-            self._late += 1
-            return None
-        limit = self._limit
-        limited = not (-limit <= ux <= limit and -limit <= uy <= limit)
-        if limited:
-            self._saturated += 1
-            ux, uy = max(-limit, min(ux, limit)), max(-limit, min(uy, limit))
-        self._schedule.put(first_open + ahead, ux, uy, limited)
-        self._fed = self._device.tick
-        return first_open + ahead
+        tick: int = native.queue(self._at, ux, uy, effective_tick)
+        return None if tick == NONE else tick
 
     def _gains(self, gains: DriveGains) -> list[Message]:
         if not (self.streaming and self.registers.gain_mode):
@@ -350,10 +433,10 @@ class Board:
         following = self._device.tick + 1
         ahead = (gains.effective_tick - following) & _TICK
         if ahead >= HORIZON:
-            self._late += 1
+            self._c.late += 1
             ahead = 0
         self._feedback.put(Matrix(gains.matrix_id, gains.gain, gains.bias, following + ahead))
-        self._fed = self._device.tick
+        self._c.fed = self._device.tick
         if self.state is State.RUNNING:
             return []
         self.state = State.RUNNING
@@ -365,7 +448,7 @@ class Board:
         effective_tick = self._queue(*drive)
         if effective_tick is None or self.state is State.RUNNING:
             return []
-        self.state, self._due = State.RUNNING, effective_tick
+        self.state, self._c.due = State.RUNNING, effective_tick
         return [self.status()]
 
     def _no_estimator(self, _: DriveBoard) -> list[Message]:
@@ -393,7 +476,7 @@ class Board:
         if self.registers.gain_mode and self.registers.filter_radius > SPEC.filter_radius:
             raise Refused(NackReason.OUT_OF_RANGE)
         self.state, self._reason = State.ARMED, SafeReason.NONE
-        self._schedule.clear()
+        native.forget(self._at)
         self._feedback.start(self.registers)
         self._forget_block()
         return [self.status()]
@@ -411,12 +494,25 @@ class Board:
         return [RegisterValue(request.register, self.registers.read(request.register))]
 
     def _write(self, request: RegisterWrite) -> list[Message]:
+        output = self.registers.trims.get(request.register)
+        if output is not None:
+            code = self.registers.write_trim(request.register, request.value, streaming=self.streaming)
+            self._device.trim(output, code * self._trims[output].scale_V)
+            return [RegisterValue(request.register, code)]
         settled = self.state in (State.IDLE, State.SAFE)
         value = self.registers.write(*request, settled=settled)
+        self._obey()
         if request.register == _DRIVE_LIMIT:
-            self._schedule.limit(self._limit)
-            self._feedback.limit(self._limit)
+            native.limit(self._at)
+            self._feedback.limit(self._c.limit)
         return [RegisterValue(request.register, value)]
+
+    def _trim(self, request: TrimRead) -> list[Message]:
+        outputs = len(self._trims)
+        if request.output >= outputs:
+            return [TrimOutput(request.output, outputs, 0, 0, 0.0, 0.0, "")]
+        trim = self._trims[request.output]
+        return [TrimOutput(request.output, outputs, *trim.codes, trim.scale_V, trim.settling_s, trim.name)]
 
     def _field(self, request: FieldRead) -> list[Message]:
         if request.line >= len(SPEC.table):
@@ -435,6 +531,8 @@ def _identity(scenario: Scenario, clocks: tuple[ClockMode, ...]) -> Identity:
         capabilities |= Capabilities.LOCKSTEP
     if ClockMode.PACED in clocks:
         capabilities |= Capabilities.PACED
+    if scenario.trim:
+        capabilities |= Capabilities.TRIM
     return Identity(
         protocol=SPEC.protocol,
         spec_hash=SPEC.hash,

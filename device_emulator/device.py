@@ -19,13 +19,16 @@ from device_emulator.drive import DRIVE, DRIVE_STATE, drive_constants
 from device_emulator.effects.catalogue import table
 from device_emulator.effects.declaration import EFFECT
 from device_emulator.feedback import FEEDBACK
+from device_emulator.flicker import MAX_FLICKER_POLES
 from device_emulator.plant import PLANT, STATES, plant_constants
 from device_emulator.scenario import Scenario
 from device_emulator.sense import SENSE, SENSE_STATE, history_rows, sense_constants
+from device_emulator.trim import MAX_TRIMS
 
 PAGE = 64  # rows for which noise is drawn, and truth handed on, at a time
 
 TRUTH_COLUMNS = ("x_m", "vx_mps", "y_m", "vy_mps", "phi_x_V", "phi_y_V", "rate_rad_s", "angle_rad")
+STIFFNESS_COLUMNS = ("kxx_per_s2", "kyy_per_s2", "kxy_per_s2")  # of a device with trim electrodes
 CODE_COLUMNS = ("vx_code", "vy_code", "ux_code", "uy_code")
 
 _CONSTANTS = np.dtype([("plant", PLANT), ("drive", DRIVE), ("sense", SENSE)], align=True)
@@ -33,10 +36,15 @@ _STATE = np.dtype(
     [
         ("tick", "i8"),  # of the last row, -1 before the first
         ("piece", "i8"),  # of the rate profile
+        ("page", "i8"),  # first tick of the page whose noise is drawn, -1 before the first
         ("motion", "f8", STATES),  # x, ẋ, y, ẏ and what the effects have of their own
         ("seed", "i8"),
         ("drive", DRIVE_STATE),
         ("sense", SENSE_STATE),
+        ("flicker", "f8", MAX_FLICKER_POLES),  # of the bias
+        ("drift_rad_s", "f8"),  # their sum
+        ("trim_V", "f8", MAX_TRIMS),  # of the electrodes
+        ("trim_target_V", "f8", MAX_TRIMS),  # of their outputs
     ],
     align=True,
 )
@@ -46,6 +54,8 @@ native.require_sizes(
     (
         *(record.itemsize for record in (_CONSTANTS, _STATE, EFFECT, rate.PIECE, FEEDBACK)),
         ctypes.sizeof(native.DeviceArguments),
+        native.COMMAND.itemsize,
+        ctypes.sizeof(native.BoardState),
     )
 )
 
@@ -54,11 +64,11 @@ class Device:
     """A gyro of one scenario; `seed` overrides the scenario's.
 
     The true states go to `sink(first_tick, rows)`: rows of shape (n ≤ PAGE, 12), columns `TRUTH_COLUMNS` and, as they
-    were sent, `CODE_COLUMNS`.
+    were sent, `CODE_COLUMNS`; with trim electrodes 15, `STIFFNESS_COLUMNS` behind them.
 
     Attributes:
-        tick: of the last row, -1 before the first.
-        clipped: whether the converter clipped in the last call of `row` or `rows`.
+        address: of what C has of it.
+        clipped: whether the converter clipped in the last call of `rows` or `closed_rows`.
     """
 
     def __init__(
@@ -72,22 +82,22 @@ class Device:
         constants["drive"] = drive_constants(scenario)
         constants["sense"] = sense = sense_constants(scenario, plant["ts_s"][0] / plant["substeps"][0])
         state = np.zeros(1, _STATE)
-        state["tick"] = -1
+        state["tick"] = state["page"] = -1
         x, y = scenario.truth.position_m
         vx, vy = scenario.truth.velocity_mps
         state["motion"][0, :4] = x, vx, y, vy
         state["seed"] = np.uint64(scenario.seed if seed is None else seed).astype(np.int64)
         history = np.zeros((history_rows(sense), 2))
-        self._noise = np.zeros((PAGE, 2 * plant["substeps"][0] + 4 + 2 * sense["flicker_poles"][0]))
+        wandering = 2 * constants["drive"]["flicker"]["poles"][0] + plant["flicker"]["poles"][0]
+        self._noise = np.zeros((PAGE, 2 * plant["substeps"][0] + 4 + 2 * sense["flicker_poles"][0] + wandering))
         self._drive = np.zeros((PAGE, 2), np.int32)
         self._sense = np.zeros((PAGE, 2), np.int32)
-        self._truth = np.zeros((PAGE, len(TRUTH_COLUMNS)))
+        self._truth = np.zeros((PAGE, len(TRUTH_COLUMNS) + len(STIFFNESS_COLUMNS)))
+        self._trimmed = bool(scenario.trim)
         self._records = constants, table(scenario.effect), rate.pieces(scenario.rate), state, history
         self._point()
         self._random = np.random.default_rng(scenario.seed if seed is None else seed)
         self._sink = sink
-        self._page: int | None = None  # first tick of the page in work
-        self.tick = -1
         self.clipped = False
 
     def _point(self) -> None:
@@ -108,26 +118,21 @@ class Device:
             self._sense.ctypes.data,
             self._truth.ctypes.data,
         )
-        self._device = ctypes.addressof(self._arguments)
+        self.address = ctypes.addressof(self._arguments)
+        self._tick = ctypes.c_int64.from_address(state.ctypes.data)  # its first field
 
     def __getstate__(self) -> dict[str, Any]:
         """All but addresses, which mean nothing elsewhere."""
-        return {name: value for name, value in self.__dict__.items() if name not in ("_arguments", "_device")}
+        return {name: value for name, value in self.__dict__.items() if name not in ("_arguments", "address", "_tick")}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
         self.__dict__.update(kept)
         self._point()
 
-    def row(self, ux_code: int, uy_code: int) -> tuple[int, int]:
-        """Sense codes (vx, vy) of the next row, after an interval under the drive codes given."""
-        self.prepare()
-        self.tick += 1
-        place = self.tick % PAGE
-        self._drive[place, 0] = ux_code
-        self._drive[place, 1] = uy_code
-        self.clipped = bool(native.advance(self._device, place, 1))
-        vx, vy = self._sense[place].tolist()
-        return vx, vy
+    @property
+    def tick(self) -> int:
+        """Of the last row, -1 before the first."""
+        return self._tick.value
 
     def rows(self, drive_codes: ArrayLike) -> NDArray[np.int32]:
         """Sense codes of the next n rows, shape (n, 2), for drive codes of the same shape."""
@@ -140,9 +145,8 @@ class Device:
             place = (self.tick + 1) % PAGE
             n = min(PAGE - place, len(drive_codes) - done)
             self._drive[place : place + n] = drive_codes[done : done + n]
-            self.clipped |= bool(native.advance(self._device, place, n))
+            self.clipped |= bool(native.advance(self.address, place, n))
             sense_codes[done : done + n] = self._sense[place : place + n]
-            self.tick += n
             done += n
         return sense_codes
 
@@ -158,20 +162,29 @@ class Device:
             self.prepare()
             place = (self.tick + 1) % PAGE
             count = min(PAGE - place, n - done)
-            self.clipped |= bool(native.advance_closed(self._device, place, count, feedback.ctypes.data))
+            self.clipped |= bool(native.advance_closed(self.address, place, count, feedback.ctypes.data))
             codes[done : done + count, :2] = self._sense[place : place + count]
             codes[done : done + count, 2:] = self._drive[place : place + count]
-            self.tick += count
             done += count
         return codes
 
     def prepare(self) -> None:
         """Do now what the next row would wait for: hand on a full page and draw the noise of a new one."""
         following = self.tick + 1
-        if following % PAGE == 0 and self._page != following:
+        state = self._records[3]
+        if following % PAGE == 0 and state["page"][0] != following:
             self._hand_on()
-            self._page = following
+            state["page"] = following
             self._random.standard_normal(out=self._noise)
+
+    def trim(self, output: int, volts: float) -> None:
+        """Put another voltage out to an electrode, which follows from the next interval on."""
+        self._records[3]["trim_target_V"][0, output] = volts
+
+    @property
+    def trim_V(self) -> NDArray[np.float64]:
+        """Voltages of the electrodes (MAX_TRIMS,)."""
+        return np.asarray(self._records[3]["trim_V"][0].copy())
 
     def close(self) -> None:
         """Hand on the truth of the page in work. The device is at its end."""
@@ -179,6 +192,9 @@ class Device:
         self._sink = None
 
     def _hand_on(self) -> None:
-        if self._sink is not None and self._page is not None and self.tick >= self._page:
-            rows = slice(self._page % PAGE, self.tick % PAGE + 1)
-            self._sink(self._page, np.hstack([self._truth[rows], self._sense[rows], self._drive[rows]]))
+        page = int(self._records[3]["page"][0])
+        if self._sink is not None and 0 <= page <= self.tick:
+            rows = slice(page % PAGE, self.tick % PAGE + 1)
+            states, springs = np.split(self._truth[rows], [len(TRUTH_COLUMNS)], axis=1)
+            more = [springs] if self._trimmed else []
+            self._sink(page, np.hstack([states, self._sense[rows], self._drive[rows], *more]))

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from device_emulator.effects.catalogue import delay_s, slew_mps3
 from device_emulator.effects.drive import DriveKind
+from device_emulator.flicker import FLICKER, MAX_FLICKER_POLES, flicker_constants
 from device_emulator.scenario import MAX_DELAY_SAMPLES, Scenario
 
 RECENT = MAX_DELAY_SAMPLES + 2
@@ -19,6 +20,7 @@ DRIVE = np.dtype(
         ("delay_rest_s", "f8", 2),  # and what is left of it
         ("ts_s", "f8"),
         ("slew_mps3", "f8", 2),
+        ("flicker", FLICKER),
     ],
     align=True,
 )
@@ -30,6 +32,8 @@ DRIVE_STATE = np.dtype(
         ("start", "f8", (RECENT, 2)),
         ("slope", "f8", (RECENT, 2)),
         ("reach_s", "f8", (RECENT, 2)),
+        ("flicker", "f8", (2, MAX_FLICKER_POLES)),
+        ("flickering", "f8", 2),  # their sums: force per mass on each axis
     ],
     align=True,
 )
@@ -52,50 +56,9 @@ def drive_constants(scenario: Scenario) -> NDArray[Any]:
     c["lsb_mps2"] = drive_scale(scenario)
     c["ts_s"] = 1.0 / scenario.true_rate_Hz
     c["slew_mps3"] = slew_mps3(scenario.effect)
+    constants["flicker"] = flicker_constants(scenario.drive.flicker_mps2_at_1Hz, scenario.true_rate_Hz)
     for axis, delay in enumerate(delay_s(scenario.effect, DriveKind.DRIVE_DELAY)):
         whole = math.floor(delay * scenario.true_rate_Hz)
         c["delay_samples"][axis] = whole
         c["delay_rest_s"][axis] = delay - whole / scenario.true_rate_Hz
     return constants
-
-
-class Schedule:
-    """Commands waiting for their tick, and the one that is held.
-
-    A command of effective tick e acts on the interval from e to e + 1 and is held until the next one.
-    """
-
-    __slots__ = ("_waiting", "held")
-
-    def __init__(self) -> None:
-        self._waiting: dict[int, tuple[int, int, bool]] = {}
-        self.held = (0, 0, False)
-        """ux code, uy code, whether they had to be limited."""
-
-    def put(self, effective_tick: int, ux_code: int, uy_code: int, limited: bool) -> None:
-        """Queue a command; a second one for the same tick replaces the first."""
-        self._waiting[effective_tick] = (ux_code, uy_code, limited)
-
-    def take(self, tick: int) -> bool:
-        """Begin the interval that starts at `tick`; True if a command came into force."""
-        command = self._waiting.pop(tick, None)
-        if command is None:
-            return False
-        self.held = command
-        return True
-
-    def limit(self, code: int) -> None:
-        """Bring the command that is held, and those that wait, within ± `code`."""
-        self.held = _within(self.held, code)
-        self._waiting = {tick: _within(command, code) for tick, command in self._waiting.items()}
-
-    def clear(self) -> None:
-        """Forget every command: zero force."""
-        self._waiting.clear()
-        self.held = (0, 0, False)
-
-
-def _within(command: tuple[int, int, bool], code: int) -> tuple[int, int, bool]:
-    ux, uy, limited = command
-    bounded = max(-code, min(ux, code)), max(-code, min(uy, code))
-    return *bounded, limited or bounded != (ux, uy)

@@ -13,7 +13,6 @@ from device_emulator.scenario import MAX_LATENCY_SAMPLES
 
 HISTORY = 64  # codes remembered, more than FILTER_DELAY can reach back
 QUEUE = MAX_LATENCY_SAMPLES + 2  # drives computed and not yet acting
-_TAPS = 0xA3000000  # x³² + x³⁰ + x²⁶ + x²⁵ + 1, primitive: the register takes all its 2³² − 1 values
 
 FEEDBACK = np.dtype(
     [

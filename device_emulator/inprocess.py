@@ -18,6 +18,7 @@ class InprocessBoard:
         self._truth = truth
         self.line = line
         self.exchange = board.exchange if line is None else line.exchange
+        self.memory = board.memory if line is None else None
 
     def close(self) -> None:
         """Finish the truth file."""

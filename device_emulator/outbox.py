@@ -45,6 +45,6 @@ class Outbox:
             self._waiting.popleft()
 
     def clear(self) -> None:
-        """Forget what waits: whoever it was for is gone."""
+        """Forget what waits: its receiver is gone."""
         self._waiting.clear()
         self._bytes = 0

@@ -13,6 +13,9 @@ Where the mass takes along the foot of an element with play, or leaves it, a ste
 The force noise is white: Brownian, of intensity 2 kB T D / m² for the whole damping matrix D (fluctuation and
 dissipation), plus the drive amplifier's. It is drawn once per sub-step and held over it.
 
+A bias that wanders turns the pattern as a rate would that the device does not have: it is added to Ω here, and is no
+part of the true rate.
+
 Where Ω jumps, Ω̇ is an impulse and turns the velocity seen from the board: ẋ += ΔΩ y, ẏ -= ΔΩ x.
 """
 
@@ -24,26 +27,14 @@ from numpy.typing import NDArray
 
 from device_emulator.effects.catalogue import inner_states, resonance_Hz
 from device_emulator.effects.declaration import MAX_INNER
-from device_emulator.effects.force import ForceKind
+from device_emulator.flicker import FLICKER, flicker_constants
 from device_emulator.scenario import Scenario
 from device_emulator.temperature import TEMPERATURE, temperature_constants
+from device_emulator.trim import TRIM, trim_constants
 
-_State = tuple[float, float, float, float]
 BOLTZMANN_J_PER_K = 1.380649e-23
 STEPS_PER_CYCLE = 128
 STEPS_PER_INNER_CYCLE = 32
-TURNOVER = 6.0
-PARTS_PER_REST = 2.0
-MOST_PARTS = 256.0
-"""Of a step in which friction turns over: in v0, how near to rest that is; parts while the velocity moves by v0; and no
-more than that, for a v0 of next to nothing.
-"""
-_TURNING_OVER = (
-    ForceKind.DRY_FRICTION,
-    ForceKind.DRY_FRICTION_ASYMMETRIC,
-    ForceKind.STRIBECK_FRICTION,
-    ForceKind.DRY_FRICTION_RADIAL,
-)
 STATES = 4 + MAX_INNER
 """Longest state vector: x, ẋ, y, ẏ and what the effects have of their own."""
 
@@ -63,24 +54,11 @@ PLANT = np.dtype(
         ("noise_yx", "f8"),
         ("noise_yy", "f8"),
         ("temperature", TEMPERATURE),
+        ("flicker", FLICKER),  # of the device's own rotation
+        ("trim", TRIM),
     ],
     align=True,
 )
-
-# Butcher's sixth-order tableau: nodes C, coefficients A, weights B.
-_C = np.array([0, 1 / 3, 2 / 3, 1 / 3, 1 / 2, 1 / 2, 1])
-_A = np.array(
-    [
-        [0, 0, 0, 0, 0, 0],
-        [1 / 3, 0, 0, 0, 0, 0],
-        [0, 2 / 3, 0, 0, 0, 0],
-        [1 / 12, 1 / 3, -1 / 12, 0, 0, 0],
-        [-1 / 16, 9 / 8, -3 / 16, -3 / 8, 0, 0],
-        [0, 9 / 8, -3 / 8, -3 / 4, 1 / 2, 0],
-        [9 / 44, -9 / 11, 63 / 44, 18 / 11, 0, -16 / 11],
-    ]
-)
-_B = np.array([11 / 120, 0, 27 / 40, 27 / 40, -4 / 15, -4 / 15, 11 / 120])
 
 
 def plant_constants(scenario: Scenario) -> NDArray[Any]:
@@ -104,5 +82,7 @@ def plant_constants(scenario: Scenario) -> NDArray[Any]:
     c["kxx"], c["kyy"], c["kxy"] = kxx, kyy, kxy
     c["dxx"], c["dyy"], c["dxy"] = dxx, dyy, dxy
     c["noise_xx"], c["noise_yx"], c["noise_yy"] = upper[0, 0], upper[0, 1], upper[1, 1]
+    constants["trim"] = trim_constants(scenario.trim, truth.mass_kg)
     constants["temperature"] = temperature_constants(scenario.temperature)
+    constants["flicker"] = flicker_constants(truth.bias_flicker_rad_s_at_1Hz, scenario.true_rate_Hz)
     return constants

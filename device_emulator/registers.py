@@ -1,11 +1,17 @@
 """The board's registers: defaults and limits from the wire's spec, refusals with a reason."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
+from device_emulator.trim import Trim
 from hil.wire.messages import ClockMode, LoopMode, NackReason
 from hil.wire.spec import SPEC
 
 _BY_ID = {register.id: register for register in SPEC.registers.values() if not register.optional}
+TRIMS = [register for name, register in SPEC.registers.items() if name.startswith("TRIM_")]
+"""Registers of the trim outputs, in their order."""
+
 _LOOP_MODES = (LoopMode.FORCE, LoopMode.GAIN)
 
 
@@ -20,18 +26,21 @@ class Refused(Exception):
 class Registers:
     """Values in force, the ones of the inner loop as plain attributes."""
 
-    def __init__(self, clocks: tuple[ClockMode, ...], tick_rate_Hz: float) -> None:
+    def __init__(self, clocks: tuple[ClockMode, ...], tick_rate_Hz: float, trims: Sequence[Trim] = ()) -> None:
         self._clocks = clocks
         watchdog = SPEC.registers["WATCHDOG_TICKS"]
         self._watchdog_most = max(watchdog.minimum, min(SPEC.watchdog_s * tick_rate_Hz // 1.0, watchdog.maximum))
         self._values: dict[int, float] = {register.id: register.default for register in _BY_ID.values()}
+        self.trims = {register.id: output for output, register in enumerate(TRIMS[: len(trims)])}
+        self._codes = {register.id: trim.codes for register, trim in zip(TRIMS, trims, strict=False)}
+        self.zero_trims()
         self._values[SPEC.registers["CLOCK_MODE"].id] = clocks[0]
         self._values[watchdog.id] = min(watchdog.default, self._watchdog_most)
         self._unpack()
 
     def read(self, number: int) -> float:
         """Value of a register. Raises `Refused` when there is none of that number."""
-        if number not in _BY_ID:
+        if number not in self._values:
             raise Refused(NackReason.UNKNOWN_REGISTER)
         return self._values[number]
 
@@ -57,6 +66,21 @@ class Registers:
         self._values[number] = value if register.real else int(value)
         self._unpack()
         return self._values[number]
+
+    def write_trim(self, number: int, code: float, *, streaming: bool) -> int:
+        """Set a trim output; returns its code. Raises `Refused` for one out of range, or other than 0 where nothing
+        streams."""
+        lowest, highest = self._codes[number]
+        if not lowest <= code <= highest or code != int(code):
+            raise Refused(NackReason.OUT_OF_RANGE)
+        if code and not streaming:
+            raise Refused(NackReason.BAD_STATE)
+        self._values[number] = int(code)
+        return int(code)
+
+    def zero_trims(self) -> None:
+        """All outputs at 0."""
+        self._values |= dict.fromkeys(self.trims, 0)
 
     @property
     def filter_radius(self) -> float:

@@ -32,6 +32,7 @@ from device_emulator.section import (
     did_you_mean,
 )
 from device_emulator.temperature import Temperature
+from device_emulator.trim import MAX_TRIMS, Trim
 from hil.wire.regular_file import what_instead
 from hil.wire.toml_bounds import MOST_BYTES, beyond
 
@@ -57,6 +58,8 @@ class Truth(Section):
     """[x, y] at tick 0"""
     velocity_mps: Pair = (0.0, 0.0)
     """[vx, vy] at tick 0"""
+    bias_flicker_rad_s_at_1Hz: NonNegative = 0.0
+    """1/f noise of a bias, which turns the pattern and is no rotation: its one-sided density at 1 Hz, rad/s/√Hz"""
 
     @model_validator(mode="before")
     @classmethod
@@ -140,6 +143,74 @@ class Piezo(Readout):
     """Ib, into the amplifier"""
 
 
+class _Curved(Readout):
+    """What the chains below have in common: a map that acts on the motion, and an offset behind it."""
+
+    offset_V: PerAxis = (0.0, 0.0)
+    """of the sense output, of any cause"""
+
+
+class GapClosing(_Curved):
+    """`[sense]` with `kind = "gap_closing"`: two plates about a third that moves, charge integrators behind them:
+    Vo = -(V/Cf) ε A (1/(Z - x) - 1/(Z + x))."""
+
+    kind: Literal["gap_closing"]
+    """what reads the motion"""
+    area_m2: PerAxisPositive
+    """A, of a plate"""
+    gap_m: PerAxisPositive
+    """Z, at rest; a plate touches where the displacement is this"""
+    permittivity_F_per_m: Positive = 8.8541878128e-12
+    """ε of the gap"""
+    bias_V: Positive
+    """±V on the two plates"""
+    feedback_F: PerAxisPositive
+    """Cf of the charge integrator"""
+
+
+class Optical(_Curved):
+    """`[sense]` with `kind = "optical"`: a spot on a camera, behind a lens that distorts along the radius:
+    px = (M/p) x (1 + κ r²); a volt of the other keys is a pixel."""
+
+    kind: Literal["optical"]
+    """what reads the motion"""
+    magnification: PerAxisPositive
+    """M, image over object"""
+    pixel_m: PerAxisPositive
+    """p, pitch of the pixels"""
+    distortion_per_m2: PerAxis = (0.0, 0.0)
+    """κ, of the displacement"""
+
+
+class Piezoresistive(_Curved):
+    """`[sense]` with `kind = "piezoresistive"`: strain gauges in a bridge: Vo = -Vs G (1 + α (T - T0)) s x."""
+
+    kind: Literal["piezoresistive"]
+    """what reads the motion"""
+    supply_V: Positive
+    """Vs, of the bridge, gain behind it included"""
+    gauge_factor: PerAxisPositive
+    """G at the temperature of tick 0"""
+    strain_per_m: PerAxisPositive
+    """s, strain of a gauge for a displacement"""
+    temperature_per_K: PerAxis = (0.0, 0.0)
+    """α, by which the gauge factor follows [temperature]"""
+
+
+class Tunnelling(_Curved):
+    """`[sense]` with `kind = "tunnelling"`: a tip before the mass: Vo = -Rf I0 (exp(a x) - 1), with shot noise
+    √(2 q I fs/2) in the current."""
+
+    kind: Literal["tunnelling"]
+    """what reads the motion"""
+    current_A: PerAxisPositive
+    """I0, at rest"""
+    decay_per_m: PerAxisPositive
+    """a, of the current over the distance"""
+    feedback_ohm: PerAxisPositive
+    """Rf of the current amplifier"""
+
+
 def _readout(table: Any) -> Any:
     """Which chain a table is of: combs, where it does not say."""
     return table.get("kind", "comb") if isinstance(table, dict) else getattr(table, "kind", "comb")
@@ -156,6 +227,8 @@ class Drive(Section):
     """samples from a row of SENSE to the tick at which its answer acts"""
     noise_mps2_per_rtHz: NonNegative = 0.0
     """of the amplifier, one-sided density"""
+    flicker_mps2_at_1Hz: NonNegative = 0.0
+    """1/f noise of the amplifier: its one-sided density at 1 Hz, m/s²/√Hz"""
 
 
 class Board(Section):
@@ -175,12 +248,21 @@ class Scenario(Section):
     seed: Annotated[int, Field(ge=0, lt=2**63)]
     """of all noise and faults; the same seed gives the same record in lockstep"""
     truth: Truth
-    sense: Annotated[Annotated[Sense, Tag("comb")] | Annotated[Piezo, Tag("piezo")], Discriminator(_readout)]
+    sense: Annotated[
+        Annotated[Sense, Tag("comb")]
+        | Annotated[Piezo, Tag("piezo")]
+        | Annotated[GapClosing, Tag("gap_closing")]
+        | Annotated[Optical, Tag("optical")]
+        | Annotated[Piezoresistive, Tag("piezoresistive")]
+        | Annotated[Tunnelling, Tag("tunnelling")],
+        Discriminator(_readout),
+    ]
     drive: Drive
     board: Board
     rate: Rate
     temperature: Temperature = Temperature()
     effect: list[Annotated[effects.HiddenEffect, PlainValidator(effects.parse)]] = Field(default_factory=list)
+    trim: Annotated[list[Trim], Field(max_length=MAX_TRIMS)] = Field(default_factory=list)
     faults: Faults = Field(default_factory=Faults)
 
     @model_validator(mode="after")
@@ -191,8 +273,12 @@ class Scenario(Section):
                 raise ValueError(f"effect {kind.name.lower()}: expected 0 to {MAX_DELAY_SAMPLES} samples")
         if (finding := _beyond(self)) is not None:
             raise ValueError(finding)
+        if isinstance(self.sense, GapClosing) and math.hypot(*self.truth.position_m) >= min(self.sense.gap_m):
+            raise ValueError("sense.gap_m: truth.position_m reaches a plate; expected a wider gap")
         if effects.inner_states(self.effect) > MAX_INNER:
             raise ValueError(f"effect: expected at most {MAX_INNER} states of their own among all of them")
+        if len({trim.name for trim in self.trim}) < len(self.trim):
+            raise ValueError("trim: expected another name for each output")
         return self
 
     @property

@@ -16,6 +16,10 @@ A layer sets the charge η x free, a current η ẋ that the amplifier turns int
 which is a velocity below the corner 1/(2π Rf Cf) and a displacement above. It is the same circuit as the integrator
 with its resistor, -(η/Cf) (x - w) with ẇ = (x - w)/(Rf Cf), and so is carried; at tick 0 it has settled long ago.
 
+Other readouts have a map of the displacement between rest gain and motion: two plates x/(1 - (x/Z)²), a lens
+x (1 + κ r²), a tunnelling tip (exp(a x) - 1)/a; the gain of strain gauges follows the temperature. The shot noise of a
+tunnelling current grows with the current.
+
 Φ, as the truth file tells it, is all that a channel shows besides gain × displacement, white noise and hidden
 effects.
 """
@@ -29,9 +33,11 @@ from numpy.typing import NDArray
 from device_emulator.effects.catalogue import delay_s
 from device_emulator.effects.sense import SenseKind
 from device_emulator.faults import MAX_SENSE_FAULTS, Saturated
-from device_emulator.scenario import Piezo, Scenario, Sense
+from device_emulator.flicker import MAX_FLICKER_POLES, flicker_constants
+from device_emulator.scenario import GapClosing, Optical, Piezo, Piezoresistive, Scenario, Sense, Tunnelling
 
-MAX_FLICKER_POLES = 12
+ELEMENTARY_CHARGE_C = 1.602176634e-19
+_CURVES = {"gap_closing": 1, "optical": 2, "tunnelling": 3}  # as native/sense.h counts them
 _LOWEST_FLICKER_HZ = 1e-3
 _NODES = 6  # of the polynomial that reads the delayed trajectory; error 1e-10 of the amplitude
 
@@ -56,6 +62,10 @@ SENSE = np.dtype(
         ("high_pass", "f8", (2, 5)),
         ("low_pass", "f8", (2, 5)),
         ("delay_substeps", "f8", 2),
+        ("curve", "i8"),  # which map acts on the displacement
+        ("bend", "f8", 2),  # its constant: gap [m], distortion [1/m²], decay [1/m]
+        ("tempco_per_K", "f8", 2),
+        ("shot_V2", "f8", 2),  # variance of a sample that grows as the current does, at rest
         # Faults: on `axis`, ticks `first` to `last`, the code stays (limit -1) or is held within ± limit.
         ("faults", "i8"),
         ("fault_axis", "i8", MAX_SENSE_FAULTS),
@@ -82,16 +92,25 @@ SENSE_STATE = np.dtype(
 
 
 def sense_gain(scenario: Scenario) -> tuple[float, float]:
-    """Gain of x and y, negative: -(2V/Cf) N ε (W/Z) in V/m, equation (5), or -Rf η in V per m/s of a layer."""
+    """Gain of x and y at rest: -(2V/Cf) N ε (W/Z) in V/m, equation (5), -Rf η in V per m/s of a layer, and so on."""
     s = scenario.sense
     if isinstance(s, Piezo):
-        x, y = (-ohm * charge for ohm, charge in zip(s.feedback_ohm, s.charge_C_per_m, strict=True))
-        return x, y
-    x, y = (
-        -2.0 * s.bias_V / cf * n * s.permittivity_F_per_m * w / z
-        for cf, n, w, z in zip(s.feedback_F, s.fingers, s.width_m, s.gap_m, strict=True)
-    )
-    return x, y
+        both = [-ohm * charge for ohm, charge in zip(s.feedback_ohm, s.charge_C_per_m, strict=True)]
+    elif isinstance(s, GapClosing):
+        per_cf = [-2.0 * s.bias_V * s.permittivity_F_per_m / cf for cf in s.feedback_F]
+        both = [k * area / gap**2 for k, area, gap in zip(per_cf, s.area_m2, s.gap_m, strict=True)]
+    elif isinstance(s, Optical):
+        both = [m / pitch for m, pitch in zip(s.magnification, s.pixel_m, strict=True)]
+    elif isinstance(s, Piezoresistive):
+        both = [-s.supply_V * g * strain for g, strain in zip(s.gauge_factor, s.strain_per_m, strict=True)]
+    elif isinstance(s, Tunnelling):
+        both = [-r * i * a for r, i, a in zip(s.feedback_ohm, s.current_A, s.decay_per_m, strict=True)]
+    else:
+        both = [
+            -2.0 * s.bias_V / cf * n * s.permittivity_F_per_m * w / z
+            for cf, n, w, z in zip(s.feedback_F, s.fingers, s.width_m, s.gap_m, strict=True)
+        ]
+    return both[0], both[1]
 
 
 def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
@@ -103,28 +122,26 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
     c["gain_V_per_m"] = sense_gain(scenario)
     if isinstance(s, Piezo):
         _enter_layers(c, s)
-    else:
+    elif isinstance(s, Sense):
         _enter_combs(c, s)
+    else:
+        _enter_curve(c, s, fs)
     c["drift_V_per_s"] = s.drift_V_per_s
     c["random_walk_V"] = s.random_walk_V_per_rts / math.sqrt(fs)
     c["noise_V"] = s.noise_V
-    # 1/f noise of density F at 1 Hz: first-order processes a decade apart, each of variance F² ln 10, sum to
-    # F²/f within 6 % from 1 mHz to a quarter of the sample rate. Sampling folds what lies above half the rate
-    # back; each variance is lowered so that the density below its corner is that of the unsampled process.
-    if s.flicker_V_at_1Hz > 0.0:
-        poles = min(MAX_FLICKER_POLES, 1 + math.ceil(math.log10(0.5 * fs / _LOWEST_FLICKER_HZ)))
-        corner = 0.5 * fs * 10.0 ** -np.arange(poles)
-        keep = np.exp(-2.0 * np.pi * corner / fs)
-        c["flicker_poles"] = poles
-        fold = fs / (np.pi * corner) * (1.0 - keep) / (1.0 + keep)
-        c["flicker_V"][:poles] = s.flicker_V_at_1Hz * np.sqrt(math.log(10.0) * fold)
-        c["flicker_keep"][:poles] = keep
-        c["flicker_add"] = c["flicker_V"] * np.sqrt(1.0 - c["flicker_keep"] ** 2)
+    flicker = flicker_constants(s.flicker_V_at_1Hz, fs)[0]
+    for name, own in (
+        ("flicker_poles", "poles"),
+        ("flicker_V", "rms"),
+        ("flicker_keep", "keep"),
+        ("flicker_add", "add"),
+    ):
+        c[name] = flicker[own]
     c["lsb_V"] = 2.0 * s.adc_full_scale_V / 2**s.adc_bits
     c["code_max"] = 2 ** (s.adc_bits - 1) - 1
     for axis in range(2):
         c["high_pass"][axis] = _first_order(c["leak_per_s"][axis], substep_s)
-        low_pass_Hz = math.inf if isinstance(s, Piezo) else s.low_pass_Hz[axis]
+        low_pass_Hz = s.low_pass_Hz[axis] if isinstance(s, Sense) else math.inf
         c["low_pass"][axis] = _first_order(2.0 * math.pi * low_pass_Hz, substep_s)
         c["tracked"] |= c["leak_per_s"][axis] > 0.0 or math.isfinite(low_pass_Hz)
     c["delay_substeps"] = np.array(delay_s(scenario.effect, SenseKind.SENSE_DELAY)) / substep_s
@@ -151,6 +168,21 @@ def _enter_layers(constants: Any, sense: Piezo) -> None:
     constants["leak_per_s"] = np.divide(1.0, rf * cf, out=np.zeros(2), where=cornered)
     # Of x - w, which is ẋ Rf Cf below the corner.
     constants["gain_V_per_m"] *= np.where(cornered, constants["leak_per_s"], 1.0)
+
+
+def _enter_curve(constants: Any, sense: GapClosing | Optical | Piezoresistive | Tunnelling, rate_Hz: float) -> None:
+    constants["opamp_V"] = sense.offset_V
+    constants["curve"] = _CURVES.get(sense.kind, 0)
+    if isinstance(sense, GapClosing):
+        constants["bend"] = sense.gap_m
+    elif isinstance(sense, Optical):
+        constants["bend"] = sense.distortion_per_m2
+    elif isinstance(sense, Piezoresistive):
+        constants["tempco_per_K"] = sense.temperature_per_K
+    else:
+        constants["bend"] = sense.decay_per_m
+        ohm, ampere = np.array(sense.feedback_ohm), np.array(sense.current_A)
+        constants["shot_V2"] = ohm**2 * 2.0 * ELEMENTARY_CHARGE_C * ampere * 0.5 * rate_Hz
 
 
 def _enter_faults(constants: Any, scenario: Scenario) -> None:

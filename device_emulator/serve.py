@@ -10,8 +10,9 @@ import select
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import TypeVar
 
 from device_emulator import realtime
 from device_emulator.board import Board
@@ -28,6 +29,8 @@ COAST_S = 0.02
 """How often the mass of a paced board in SAFE is brought up to date."""
 
 _LEAD_S = 0.005  # from ARM to the first tick
+
+Frame = TypeVar("Frame")
 
 
 class Server:
@@ -49,7 +52,7 @@ class Server:
 
     def run(self, stop: int, parent: int) -> None:
         """Serve; returns when it is over. `stop` is the descriptor of `stop_signal`, `parent` the process that this one
-        ends with: whoever started it may have died before it got here.
+        ends with: its parent may have died before it got here.
         """
         while os.getppid() == parent:
             try:
@@ -186,6 +189,23 @@ class Server:
             for refused in realtime.settle():
                 print(f"device_emulator: {refused}", file=sys.stderr)
         realtime.urgent(urgent)
+
+
+def send_paced(
+    samples: Callable[[float], Iterator[Sequence[Frame]]],
+    rate_Hz: float,
+    send: Callable[[Sequence[Frame]], object],
+    stop: int,
+) -> None:
+    """Send the frames of so many samples a second, by absolute deadlines, until `stop` can be read; `samples` are those
+    from a time of the monotonic clock on, the first of them a sample later."""
+    origin, sent = time.monotonic(), 0
+    coming = samples(origin)
+    while not select.select((stop,), (), (), 0.5 / rate_Hz)[0]:
+        due = int((time.monotonic() - origin) * rate_Hz) - sent
+        if due > 0:
+            send([frame for _ in range(due) for frame in next(coming)])
+            sent += due
 
 
 @contextmanager

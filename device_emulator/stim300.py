@@ -2,21 +2,19 @@
 
 Prints one line, `ready stim300:/dev/pts/N`, waits for a reader and sends until SIGTERM or until nobody reads any more.
 The datagram is made here once more from the layout, with a checksum of its own, so that encoder and decoder share no
-code; the layout they share, and `hil.sensors.stim300` says where that comes from. Like the sensor, it cannot wait: what
-the line does not take is lost.
+code; the layout they share, and `hil/sensors/protocols.toml` says where that comes from. Like the sensor, it cannot
+wait: what the line does not take is lost.
 """
 
 import argparse
-import select
 import sys
-import time
 from collections.abc import Iterator
 
 import numpy as np
 
-from device_emulator.serve import stop_signal
+from device_emulator.serve import send_paced, stop_signal
 from hil.wire.errors import LinkClosed, WireError
-from hil.wire.pty_link import PtyLink, open_pty
+from hil.wire.pty_link import open_pty
 
 INTERNAL_HZ = 2000
 RATES_HZ = (125, 250, 500, 1000, 2000)
@@ -61,20 +59,6 @@ def stream(options: argparse.Namespace) -> Iterator[bytes]:
         sample += 1
 
 
-def serve(options: argparse.Namespace, link: PtyLink, stop: int) -> None:
-    """Send at the sample rate, by absolute deadlines, until stopped or hung up on."""
-    datagrams = stream(options)
-    origin, sent = time.monotonic(), 0
-    while True:
-        due = int((time.monotonic() - origin) * options.sample_rate) - sent
-        if due > 0:
-            # Nobody has to read: the master's side takes what fits, the rest is lost as on a real line.
-            link.offer(b"".join(next(datagrams) for _ in range(due)))
-            sent += due
-        if select.select((stop,), (), (), 0.5 / options.sample_rate)[0]:
-            return
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
     parser = argparse.ArgumentParser(prog="device_emulator.stim300", description="An emulated STIM300 on a pty.")
@@ -96,7 +80,9 @@ def main(arguments: list[str] | None = None) -> int:
         with stop_signal() as stop:
             link = open_pty()
             print(f"ready stim300:{link.path}", flush=True)
-            serve(options, link, stop)
+            # Nobody has to read: the master's side takes what fits, the rest is lost as on a real line.
+            datagrams = ([one] for one in stream(options))
+            send_paced(lambda _: datagrams, options.sample_rate, lambda sent: link.offer(b"".join(sent)), stop)
             link.close()
     except LinkClosed:
         return 0

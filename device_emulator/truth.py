@@ -1,7 +1,8 @@
 """The truth file: the true state at every row, for `hil score` and nobody else.
 
 Arrow IPC stream; columns `tick` (int64), `TRUTH_COLUMNS` (float64) and `CODE_COLUMNS` (int32), the codes that the board
-sent of that row, by which the score knows the truth of the run from that of another; what the numbers mean stands in
+sent of that row, by which the score knows the truth of the run from that of another, with trim electrodes
+`STIFFNESS_COLUMNS` as they were softened; what the numbers mean stands in
 the schema's metadata under `gyrohil`. Each block is written whole, so a kill leaves those before it readable.
 """
 
@@ -16,7 +17,7 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from device_emulator.device import CODE_COLUMNS, TRUTH_COLUMNS
+from device_emulator.device import CODE_COLUMNS, STIFFNESS_COLUMNS, TRUTH_COLUMNS
 from device_emulator.scenario import Scenario
 from device_emulator.seal import SealedStream
 from device_emulator.section import ScenarioError
@@ -39,6 +40,7 @@ def truth_metadata(scenario: Scenario, seed: int | None, every: int = 1) -> dict
         f"sense_gain_V{'_s' if scenario.sense.kind == 'piezo' else ''}_per_m": list(sense_gain(scenario)),
         "noise_V": scenario.sense.noise_V,
         "seed": scenario.seed if seed is None else seed,
+        **({"trimmed": True} if scenario.trim else {}),
         "effects": [{"name": effect.name, "coefficients": effect.coefficients} for effect in scenario.effect],
     }
 
@@ -54,6 +56,7 @@ class TruthFile:
                 ("tick", pa.int64()),
                 *((name, pa.float64()) for name in TRUTH_COLUMNS),
                 *((name, pa.int32()) for name in CODE_COLUMNS),
+                *((name, pa.float64()) for name in STIFFNESS_COLUMNS if metadata.get("trimmed")),
             ]
         )
         self._path = path
@@ -98,8 +101,10 @@ class TruthFile:
     def _write(self) -> None:
         if self._waiting:
             columns = np.concatenate(self._rows).T
-            states, codes = columns[: len(TRUTH_COLUMNS)], columns[len(TRUTH_COLUMNS) :].astype(np.int32)
-            arrays = [pa.array(np.concatenate(self._ticks)), *map(pa.array, states), *map(pa.array, codes)]
+            ends = len(TRUTH_COLUMNS), len(TRUTH_COLUMNS) + len(CODE_COLUMNS)
+            states, codes, springs = np.split(columns, ends)
+            each = *states, *codes.astype(np.int32), *springs
+            arrays = [pa.array(np.concatenate(self._ticks)), *map(pa.array, each)]
             self._ticks, self._rows, self._waiting = [], [], 0
             self._put_down(self._sealed.block(arrays))
 

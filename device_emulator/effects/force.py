@@ -39,13 +39,6 @@ class ForceKind(IntEnum):
     QUINTIC_ISOTROPIC = 91
 
 
-_ALONG_THE_MOTION = (
-    ForceKind.NONLINEAR_DAMPING_RADIAL,
-    ForceKind.DRAG_RADIAL,
-    ForceKind.CUBIC_DAMPING_RADIAL,
-    ForceKind.DRY_FRICTION_RADIAL,
-)
-
 _FRICTION = (*per_axis("f", "m/s²"), given("v0", "m/s"))
 
 DECLARATIONS: dict[IntEnum, Declaration] = {

@@ -1,173 +1,14 @@
-/* The gyro itself: drive chain, plant and sense chain, row by row (device_emulator/device.py).
+/* What Python calls of the emulator: the device by rows, and the board's turn over samples. */
 
-   Shares no line with the estimator's core: the same mistake on both sides would cancel. */
-
-#include "drive.h"
+#include "board.h"
 #include "feedback.h"
-#include "play.h"
 
 #define EXPORT __attribute__((visibility("default")))
-
-/* What one call works on; filled by device_emulator/device.py. */
-typedef struct {
-    const constants_t *constants;
-    const effect_t *effects;
-    int64_t effect_count;
-    const piece_t *pieces;
-    int64_t piece_count;
-    state_t *state;
-    double (*history)[2];
-    int64_t history_rows;
-    const double *noise; /* (PAGE, noise_columns) standard normals */
-    int64_t noise_columns;
-    int32_t (*drive_codes)[2]; /* (PAGE, 2), like all below */
-    int32_t (*sense_codes)[2];
-    double (*truth)[8];
-} device_t;
-
-/* Seconds from t0 to the next piece of the rate profile. */
-static double next_change(const device_t *device, double t0)
-{
-    int64_t next = device->state->piece + 1;
-    return next < device->piece_count ? device->pieces[next].start_s - t0 : INFINITY;
-}
-
-/* The mass from `since` to `until` seconds after t0, between which neither drive nor rate profile changes. */
-static void carry(const device_t *device, effects_t effects, double t0, double since, double until, push_t *push)
-{
-    const plant_t *plant = &device->constants->plant;
-    const piece_t *piece = &device->pieces[device->state->piece];
-    double *motion = device->state->motion;
-    if (effects.count == 0) {
-        step_alone(plant, piece, t0 + since, until - since, push, motion);
-        return;
-    }
-    int64_t count = parts(plant, effects, piece, t0 + since, until - since, push, motion);
-    double h = (until - since) / (double)count;
-    bool playing = has_play(effects);
-    for (int64_t part = 0; part < count; part++) {
-        double at = t0 + (since + (double)part * h);
-        if (playing)
-            step_with_play(plant, effects, piece, at, h, push, (int)plant->states, motion);
-        else
-            step(plant, effects, piece, at, h, push, (int)plant->states, motion);
-        push->u[0] += h * push->slope[0];
-        push->u[1] += h * push->slope[1];
-    }
-}
-
-/* One sample interval of the mass; sub-steps are cut where the drive or the rate profile changes. */
-static void interval(const device_t *device, effects_t effects, const double *normals)
-{
-    const plant_t *plant = &device->constants->plant;
-    const drive_t *drive = &device->constants->drive;
-    const sense_t *sense = &device->constants->sense;
-    state_t *state = device->state;
-    int64_t row = state->tick + 1;
-    double t0 = (double)state->tick * plant->ts_s, h = plant->ts_s / (double)plant->substeps;
-    double changes = next_change(device, t0), felt = coriolis(effects), light = lightness(effects);
-    for (int64_t k = 0; k < plant->substeps; k++) {
-        double fx = plant->noise_xx * normals[2 * k];
-        double fy = plant->noise_yx * normals[2 * k] + plant->noise_yy * normals[2 * k + 1];
-        double since = (double)k * h, end = (double)(k + 1) * h;
-        while (since < end) {
-            double until = fmin(end, changes);
-            push_t push = {.noise = {fx, light * fy}};
-            for (int axis = 0; axis < 2; axis++) {
-                acting_t now = acting(drive, &state->drive, row, axis, since);
-                push.u[axis] = now.force;
-                push.slope[axis] = now.slope;
-                until = fmin(until, now.until_s);
-            }
-            carry(device, effects, t0, since, until, &push);
-            since = until;
-            /* A change that rounding leaves just past the end of the interval belongs to its end. */
-            while (changes <= since * (1.0 + 1e-9)) {
-                double before = rate_at(&device->pieces[state->piece], t0 + changes).rate_rad_s;
-                state->piece++;
-                double jump = felt * (rate_at(&device->pieces[state->piece], t0 + changes).rate_rad_s - before);
-                state->motion[1] += jump * state->motion[2];
-                state->motion[3] -= light * jump * state->motion[0];
-                changes = next_change(device, t0);
-            }
-        }
-        if (sense->tracked)
-            track(sense, effects, &state->sense, device->history, device->history_rows, state->motion);
-    }
-}
-
-/* Fill the history with the undriven motion before tick 0, so that a delay finds something to show. States of the
-   effects' own stay: they begin at tick 0. */
-static void rewind_history(const device_t *device, effects_t effects)
-{
-    const plant_t *plant = &device->constants->plant;
-    double motion[STATES], seen[4], h = plant->ts_s / (double)plant->substeps;
-    push_t rest = {{0.0, 0.0}, {0.0, 0.0}, {0.0, 0.0}};
-    int64_t rows = device->history_rows;
-    memcpy(motion, device->state->motion, sizeof motion);
-    for (int64_t back = 0; back < rows; back++) {
-        displacement(effects, motion, seen);
-        for (int axis = 0; axis < 2; axis++)
-            device->history[rows - 1 - back][axis] = shown_at_rest(&device->constants->sense, axis, seen);
-        step(plant, effects, device->pieces, -(double)back * h, -h, &rest, 4, motion);
-    }
-    device->state->sense.newest = rows - 1;
-}
-
-/* Codes and truth of the row at `state->tick`, whose motion is known. */
-static bool sample(const device_t *device, effects_t effects, int64_t row, const double *normals, bool begins)
-{
-    const plant_t *plant = &device->constants->plant;
-    const sense_t *sense = &device->constants->sense;
-    state_t *state = device->state;
-    double t = (double)state->tick * plant->ts_s;
-    wander(sense, &state->sense, normals + 2, begins);
-    const piece_t *piece = &device->pieces[state->piece];
-    double lsb = device->constants->drive.lsb_mps2;
-    double u[2] = {device->drive_codes[row][0] * lsb, device->drive_codes[row][1] * lsb}, added[2], seen[4];
-    add_voltage(effects, t, warmer(&plant->temperature, t), u, state->motion, added);
-    displacement(effects, state->motion, seen);
-    double *truth = device->truth[row];
-    bool clipped = false;
-    for (int axis = 0; axis < 2; axis++) {
-        double moved = shown_at_rest(sense, axis, seen);
-        if (sense->tracked)
-            moved = delayed(device->history, device->history_rows, state->sense.newest, axis, sense->delay_substeps[axis]);
-        double phi = offset(sense, &state->sense, t, axis);
-        double volts = amplified(effects, axis, sense->gain_V_per_m[axis] * moved + phi + added[axis]);
-        int64_t code = shown(effects, convert(sense, volts + sense->noise_V * normals[axis], &clipped));
-        device->sense_codes[row][axis] = (int32_t)upset(sense, &state->sense, state->tick, axis, code);
-        truth[4 + axis] = phi;
-    }
-    memcpy(truth, state->motion, 4 * sizeof *truth);
-    truth[6] = rate_at(piece, t).rate_rad_s;
-    truth[7] = angle_at(piece, t);
-    return clipped;
-}
 
 /* Produce n rows of the page from row `first` on; 1 when the converter clipped. */
 EXPORT int device_advance(const device_t *device, int64_t first, int64_t n)
 {
-    const constants_t *constants = device->constants;
-    const effects_t effects = {device->effects, device->effect_count};
-    state_t *state = device->state;
-    bool clipped = false;
-    for (int64_t row = first; row < first + n; row++) {
-        const double *normals = device->noise + row * device->noise_columns;
-        bool begins = state->tick < 0;
-        flip(effects, state->seed, state->tick + 1, constants->plant.ts_s, state->motion);
-        if (begins) {
-            start(&constants->sense, effects, &state->sense, state->motion);
-            put_feet(effects, state->motion);
-            rewind_history(device, effects);
-        } else {
-            put_out(&constants->drive, effects, &state->drive, state->tick + 1, device->drive_codes[row]);
-            interval(device, effects, normals);
-        }
-        state->tick++;
-        clipped |= sample(device, effects, row, normals + 2 * constants->plant.substeps, begins);
-    }
-    return clipped;
+    return advance(device, first, n);
 }
 
 /* `device_advance` with each row's drive codes from the loop that is closed on the board. */
@@ -176,7 +17,7 @@ EXPORT int device_advance_closed(const device_t *device, int64_t first, int64_t 
     bool clipped = false;
     for (int64_t row = first; row < first + n; row++) {
         due(loop, device->state->tick + 1, device->drive_codes[row]);
-        clipped |= device_advance(device, row, 1);
+        clipped |= advance(device, row, 1);
         feed_back(loop, device->state->tick, device->sense_codes[row]);
     }
     return clipped;
@@ -191,8 +32,43 @@ EXPORT void device_rate_at(const piece_t *piece, double t_s, double values[3])
     values[2] = angle_at(piece, t_s);
 }
 
-/* Bytes of constants, state, effect, piece, feedback and device, as this file has them. */
-EXPORT void device_sizes(int64_t sizes[6])
+/* Answer the host's bytes where they are a drive: bytes put into `to`, which has room for MOST_SAID; PASS: Python is to
+   take them. It has the shape that hil/wire/inproc.py asks for. */
+EXPORT int64_t board_answer(board_t *board, const uint8_t *data, int64_t size, uint8_t *to)
+{
+    return answer(board, data, size, to);
+}
+
+/* Force mode: go on by a block; as `tell`. */
+EXPORT int64_t board_go_on(board_t *board, uint8_t *to)
+{
+    return go_on(board, to);
+}
+
+/* SENSE of the rows at hand, and STATUS where one is due. */
+EXPORT int64_t board_tell(board_t *board, uint8_t *to)
+{
+    return tell(board, to);
+}
+
+/* Queue a drive; its effective tick, NONE if that has passed. */
+EXPORT int64_t board_queue(board_t *board, int32_t ux, int32_t uy, uint32_t effective_tick)
+{
+    return queue(board, ux, uy, effective_tick);
+}
+
+EXPORT void board_forget(board_t *board)
+{
+    forget(board);
+}
+
+EXPORT void board_limit(board_t *board)
+{
+    limit_drives(board);
+}
+
+/* Bytes of constants, state, effect, piece, feedback, device, command and board, as this file has them. */
+EXPORT void device_sizes(int64_t sizes[8])
 {
     sizes[0] = sizeof(constants_t);
     sizes[1] = sizeof(state_t);
@@ -200,4 +76,6 @@ EXPORT void device_sizes(int64_t sizes[6])
     sizes[3] = sizeof(piece_t);
     sizes[4] = sizeof(feedback_t);
     sizes[5] = sizeof(device_t);
+    sizes[6] = sizeof(command_t);
+    sizes[7] = sizeof(board_t);
 }

@@ -9,9 +9,9 @@
 
 enum { STAGES = 7 };
 
-/* The drive at the start of a step, its slopes, and a force on the mass alone, held. */
+/* The drive at the start of a step, its slopes, a force on the mass alone and a rate that is none, held. */
 typedef struct {
-    double u[2], slope[2], noise[2];
+    double u[2], slope[2], noise[2], drift_rad_s;
 } push_t;
 
 static const double NODE[STAGES] = {0, 1.0 / 3, 2.0 / 3, 1.0 / 3, 1.0 / 2, 1.0 / 2, 1};
@@ -54,6 +54,7 @@ __attribute__((always_inline)) static inline void step_of(const plant_t *plant, 
         double since = NODE[i] * h, a[2];
         double u[2] = {push->u[0] + since * push->slope[0], push->u[1] + since * push->slope[1]};
         turn_t turn = rate_at(piece, t_s + since);
+        turn.rate_rad_s += push->drift_rad_s;
         accelerate(plant, turn, u, s, a);
         stage[i][0] = s[1];
         stage[i][1] = a[0];

@@ -26,6 +26,8 @@ enum sense_kind {
 
 #define TWO_PI 6.28318530717958647692
 
+enum curve_kind { STRAIGHT, GAP_CLOSING, LENS, TUNNELLING };
+
 /* What the two combs read of the motion: p = [x, ẋ, y, ẏ] with the effects. */
 static inline void displacement(effects_t effects, const double *motion, double p[4])
 {
@@ -77,6 +79,36 @@ static inline void displacement(effects_t effects, const double *motion, double 
             break;
         }
     }
+}
+
+/* The displacement p = [x, ẋ, y, ẏ] that stands for what a readout with a curved characteristic shows, over its gain at
+   rest, and how fast that changes. */
+static inline void bent(const sense_t *sense, double p[4])
+{
+    double r2 = p[0] * p[0] + p[2] * p[2], dr2 = 2.0 * (p[0] * p[1] + p[2] * p[3]);
+    for (int axis = 0; axis < 2 && sense->curve != STRAIGHT; axis++) {
+        double c = sense->bend[axis], *q = p + 2 * axis;
+        if (sense->curve == GAP_CLOSING) {
+            double left = 1.0 - (q[0] / c) * (q[0] / c), shown = q[0] / left;
+            q[1] *= (2.0 - left) / (left * left);
+            q[0] = shown;
+        } else if (sense->curve == LENS) {
+            q[1] = q[1] * (1.0 + c * r2) + q[0] * c * dr2;
+            q[0] *= 1.0 + c * r2;
+        } else {
+            q[1] *= exp(c * q[0]);
+            q[0] = expm1(c * q[0]) / c;
+        }
+    }
+}
+
+/* Standard deviation of the white noise of a sample that shows `moved` over the gain at rest. */
+static inline double noise_of(const sense_t *sense, int axis, double moved)
+{
+    if (sense->curve != TUNNELLING)
+        return sense->noise_V;
+    double grown = 1.0 + sense->bend[axis] * moved; /* of the current: exp(a x) */
+    return sqrt(sense->noise_V * sense->noise_V + sense->shot_V2[axis] * (grown > 0.0 ? grown : 0.0));
 }
 
 /* Voltage that the effects add in the amplifiers, under the force u held up to the sampling instant. */
@@ -188,6 +220,7 @@ static inline void start(const sense_t *sense, effects_t effects, sense_state_t 
 {
     double p[4];
     displacement(effects, motion, p);
+    bent(sense, p);
     for (int axis = 0; axis < 2; axis++) {
         bool moves = shows_velocity(sense, axis);
         state->seen[axis][0] = moves ? p[2 * axis + 1] : p[2 * axis];
@@ -203,6 +236,7 @@ static inline void track(const sense_t *sense, effects_t effects, sense_state_t 
 {
     double p[4];
     displacement(effects, motion, p);
+    bent(sense, p);
     for (int axis = 0; axis < 2; axis++) {
         bool moves = shows_velocity(sense, axis); /* nothing is filtered then, and no slope is needed */
         double p0 = state->seen[axis][0], v0 = state->seen[axis][1];

@@ -2,12 +2,14 @@
  *
  *     pty_board [--link pty | can:vcan0 | can:vcan0?node=2] [--rate RAD_S] [--latency TICKS] [--fast] [--seed N]
  *               [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime] [--estimator] [--wrong START_S:RATE]
+ *               [--trims]
  *
  * Prints one line, `ready serial:/dev/pts/N` or `ready can:vcan0`, then serves until it is killed or, in lockstep
  * on a pty, the host hangs up. --fast: 5 kHz sampled at 100 kS/s, for gain mode, instead of 200 Hz at 4 kS/s.
  * --sample-rate: ticks per second in place of these, for a host that is slow.
  * --estimator: the board has the estimator of gyro_estimator.h, for board mode. --wrong: from that second on its rate reads
  * so, `nan` for instance.
+ * --trims: two trim outputs, x and y, 0 to 10 V, which soften an axis each by 0.6 % of 1.6e6 1/s2 at 4 V.
  * --fault: a protection of the board's own trips, so many seconds after the first tick, for so long.
  */
 #define _GNU_SOURCE /* ppoll, prctl */
@@ -47,6 +49,7 @@ typedef struct options {
     double fault_s[2]; /* start and length of a fault, on the board's clock */
     bool realtime;
     bool estimator;
+    bool trims;
     double wrong[2]; /* from which second on, and what the rate reads then */
 } options;
 
@@ -60,6 +63,7 @@ typedef struct station {
     resonator_device device;
     resonator mass;
     estimating own;
+    double softer_per_s2[2]; /* what the trim outputs take off its stiffness */
     double tick_ns;
     double fault_ticks[2];
     bool faulty;
@@ -76,6 +80,25 @@ static int64_t now_ns(void) {
 static uint64_t board_time_ns(void *context) {
     (void)context;
     return (uint64_t)now_ns();
+}
+
+#define SOFTENING_PER_S2_PER_V2 600.0
+#define TRIM_SCALE_V (10.0 / 4095.0)
+
+static const hil_trim_output trims[2] = {
+    {.highest = 4095, .scale_V = TRIM_SCALE_V, .name = "x", .name_size = 1},
+    {.highest = 4095, .scale_V = TRIM_SCALE_V, .name = "y", .name_size = 1},
+};
+
+/* The electrode follows at once. */
+static void put_trim(void *context, unsigned output, int32_t code) {
+    station *s = context;
+    double volts = code * TRIM_SCALE_V;
+    resonator_device *device = &s->device;
+    device->stiffness_per_s2[output] += s->softer_per_s2[output];
+    s->softer_per_s2[output] = SOFTENING_PER_S2_PER_V2 * volts * volts;
+    device->stiffness_per_s2[output] -= s->softer_per_s2[output];
+    resonator_retune(&s->mass, device);
 }
 
 /* What watches over the board: here by the clock only. */
@@ -217,6 +240,12 @@ static bool set_up(station *s, const options *o) {
         s->own.wrong_rate_rad_s = o->wrong[1];
         config.estimator = &s->own.face;
     }
+    if (o->trims) {
+        config.trims = trims;
+        config.trim_count = 2u;
+        config.put_trim = put_trim;
+        config.context = s;
+    }
     config.link = s->on_can ? &s->can.link : &s->serial.link;
     if (!hil_board_init(&s->board, &config))
         errno = EINVAL;
@@ -266,6 +295,10 @@ static bool parse(options *o, int argc, char **argv) {
             o->estimator = true;
             continue;
         }
+        if (!strcmp(argv[k], "--trims")) {
+            o->trims = true;
+            continue;
+        }
         if (!strcmp(argv[k], "--fast")) {
             o->device = &resonator_fast;
             continue;
@@ -297,7 +330,7 @@ int main(int argc, char **argv) {
     if (!parse(&o, argc, argv)) {
         fprintf(stderr, "pty_board: expected [--link pty|can:IFACE[?node=N]] [--rate RAD_S] [--latency TICKS] "
                         "[--fast] [--seed N] [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime] "
-                        "[--estimator] [--wrong START_S:RATE]\n");
+                        "[--estimator] [--wrong START_S:RATE] [--trims]\n");
         return 2;
     }
     if (!set_up(&s, &o))

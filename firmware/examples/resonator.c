@@ -71,7 +71,7 @@ static void exponential(matrix m) {
     memcpy(m, sum, sizeof sum);
 }
 
-void resonator_init(resonator *r, const resonator_device *device, uint64_t seed) {
+void resonator_retune(resonator *r, const resonator_device *device) {
     const double *k = device->stiffness_per_s2, *d = device->damping_per_s;
     double w = device->rate_rad_s;
     matrix a = {
@@ -93,6 +93,10 @@ void resonator_init(resonator *r, const resonator_device *device, uint64_t seed)
         for (int j = 0; j < N; j++)
             r->step[i][j] = a[i][j] * scale[i] / scale[j];
     r->device = device;
+}
+
+void resonator_init(resonator *r, const resonator_device *device, uint64_t seed) {
+    resonator_retune(r, device);
     r->state[0] = device->start_m;
     r->state[1] = r->state[2] = r->state[3] = 0.0;
     r->noise = seed * 0x9E3779B97F4A7C15u + 1u;

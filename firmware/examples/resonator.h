@@ -42,6 +42,9 @@ typedef struct resonator {
 
 void resonator_init(resonator *r, const resonator_device *device, uint64_t seed);
 
+/* The springs, or the rate, are others from now on; the motion goes on. */
+void resonator_retune(resonator *r, const resonator_device *device);
+
 /* One sample interval under drive codes held. */
 void resonator_step(resonator *r, int32_t ux, int32_t uy);
 

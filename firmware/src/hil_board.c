@@ -85,6 +85,26 @@ static void registers_changed(hil_board *b) {
     count_down(b);
 }
 
+/* Every trim output at 0. */
+static void zero_trims(hil_board *b) {
+    for (unsigned k = 0; k < b->config.trim_count; k++) {
+        b->registers.value[HIL_REGISTER_TRIM_0 + k] = 0.0;
+        b->config.put_trim(b->config.context, k, 0);
+    }
+}
+
+static bool are_trims(const hil_config *config) {
+    if (config->trim_count > HIL_TRIMS || (config->trim_count > 0u && config->put_trim == NULL))
+        return false;
+    for (unsigned k = 0; k < config->trim_count; k++) {
+        const hil_trim_output *trim = &config->trims[k];
+        if (trim->lowest > 0 || trim->highest < 0 || trim->lowest == trim->highest || !(trim->scale_V > 0.0) ||
+            !(trim->settling_s >= 0.0) || trim->name_size == 0u || trim->name_size > HIL_TRIM_NAME)
+            return false;
+    }
+    return true;
+}
+
 bool hil_board_init(hil_board *board, const hil_config *config) {
     hil_identity *identity = &board->config.identity;
     if (config->link == NULL || config->now_ns == NULL || config->blocks == NULL)
@@ -102,6 +122,10 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
         identity->capabilities |= HIL_CAPABILITIES_BOARD_MODE;
     if (config->estimator != NULL && config->estimator->read != NULL)
         identity->capabilities |= HIL_CAPABILITIES_ESTIMATE;
+    if (!are_trims(config))
+        return false;
+    if (config->trim_count > 0u)
+        identity->capabilities |= HIL_CAPABILITIES_TRIM;
 
     board->width = identity->sense_bits > 16u || identity->drive_bits > 16u ? 3u : 2u;
     if (identity->sense_bits < 2u || identity->sense_bits > 24u || identity->drive_bits < 2u ||
@@ -126,6 +150,7 @@ bool hil_board_init(hil_board *board, const hil_config *config) {
         return false;
     board->registers.value[HIL_REGISTER_CLOCK_MODE] = clock;
     registers_changed(board);
+    zero_trims(board);
     board->situation = HIL_SITUATION_BOOT;
     board->tick = -1;
     return true;
@@ -209,6 +234,7 @@ static const hil_transition *happen(hil_board *b, unsigned event, uint8_t sent) 
         b->granted = 0u;
         forget_drives(b);
         put_now(b);
+        zero_trims(b);
         end_block(b);
     }
     return told;
@@ -520,7 +546,33 @@ static unsigned place_of(const hil_board *b, uint16_t id) {
     unsigned place = hil_registers_find(id);
     if (place < HIL_REGISTERS && (hil_registers[place].optional & ~b->config.identity.capabilities) != 0u)
         return HIL_REGISTERS;
+    if (place >= HIL_REGISTER_TRIM_0 + b->config.trim_count && place < HIL_REGISTER_TRIM_0 + HIL_TRIMS)
+        return HIL_REGISTERS;
     return place;
+}
+
+static bool is_trim(unsigned place) {
+    return place >= HIL_REGISTER_TRIM_0 && place < HIL_REGISTER_TRIM_0 + HIL_TRIMS;
+}
+
+/* Why a trim output may not be given a code now, 0 if it may. */
+static uint8_t refuse_trim(const hil_board *b, unsigned output, double code) {
+    const hil_trim_output *trim = &b->config.trims[output];
+    if (code < (double)trim->lowest || code > (double)trim->highest)
+        return HIL_NACK_REASON_OUT_OF_RANGE;
+    return (int32_t)code != 0 && !hil_board_streaming(b) ? HIL_NACK_REASON_BAD_STATE : 0u;
+}
+
+static uint8_t trim_read(const hil_board *b, const hil_trim_read *message, reply *said) {
+    hil_trim_output told = {0};
+    told.name = "";
+    if (message->output < b->config.trim_count)
+        told = b->config.trims[message->output];
+    told.output = message->output;
+    told.outputs = (uint8_t)b->config.trim_count;
+    said->type = HIL_TYPE_TRIM_OUTPUT;
+    said->size = hil_pack_trim_output(&told, said->payload);
+    return 0;
 }
 
 static uint8_t register_write(hil_board *b, const hil_register_write *message, reply *said) {
@@ -535,6 +587,13 @@ static uint8_t register_write(hil_board *b, const hil_register_write *message, r
         return HIL_NACK_REASON_NOT_SUPPORTED;
     if (place == HIL_REGISTER_BLOCK && message->value > (double)b->room_rows)
         return HIL_NACK_REASON_NOT_SUPPORTED;
+    if (is_trim(place)) {
+        unsigned output = place - HIL_REGISTER_TRIM_0;
+        reason = refuse_trim(b, output, message->value);
+        if (reason != 0u)
+            return reason;
+        b->config.put_trim(b->config.context, output, (int32_t)message->value);
+    }
     b->registers.value[place] = message->value;
     registers_changed(b);
     if (place == HIL_REGISTER_DRIVE_LIMIT)
@@ -606,6 +665,7 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
         hil_register_write register_write;
         hil_field_read field_read;
         hil_time_sync time_sync;
+        hil_trim_read trim_read;
     } message;
     const uint8_t *payload = frame->payload;
     size_t size = frame->size;
@@ -641,6 +701,11 @@ static uint8_t answer(hil_board *b, const hil_frame *frame, reply *said) {
                    : HIL_NACK_REASON_BAD_LENGTH;
     case HIL_TYPE_TIME_SYNC:
         return hil_unpack_time_sync(&message.time_sync, payload, size) ? time_sync(b, &message.time_sync, said)
+                                                                       : HIL_NACK_REASON_BAD_LENGTH;
+    case HIL_TYPE_TRIM_READ:
+        if (b->config.trim_count == 0u)
+            return HIL_NACK_REASON_UNKNOWN_TYPE;
+        return hil_unpack_trim_read(&message.trim_read, payload, size) ? trim_read(b, &message.trim_read, said)
                                                                        : HIL_NACK_REASON_BAD_LENGTH;
     case HIL_TYPE_SENSE:
     case HIL_TYPE_STATUS:

@@ -29,6 +29,10 @@
 /* The latency is less than this; a power of two. */
 #define HIL_LATENCY 16u
 
+/* Trim outputs, and bytes of a name, at most. */
+#define HIL_TRIMS 8u
+#define HIL_TRIM_NAME 24u
+
 /* Memory for blocks of up to n samples of `width` bytes a code: one is sent while the next one fills. */
 #define HIL_BLOCKS_SIZE(n, width) (2u * (HIL_SENSE_SIZE + (size_t)(n) * HIL_SENSE_COLUMNS * (width)))
 
@@ -62,6 +66,11 @@ typedef struct hil_config {
     void (*put_now)(void *context, hil_drive codes);
     void *context;
     const hil_estimator *estimator; /* NULL: none, and no board mode */
+    /* Trim outputs: what each is (`output` and `outputs` are filled in), and what puts a code out. That is called under
+     * `lock`, with 0 for each at the start and whenever the stream ends. */
+    const hil_trim_output *trims;
+    unsigned trim_count; /* 0: none */
+    void (*put_trim)(void *context, unsigned output, int32_t code);
 } hil_config;
 
 /* A drive that waits for its tick, or is held. */
@@ -140,7 +149,7 @@ typedef struct hil_board {
 } hil_board;
 
 /* The board after power-up, in BOOT. False if the configuration cannot work: no link, no time, no clock, a latency
- * of HIL_LATENCY or more, a tick rate that is not positive, a converter of less than 2 or more than 24 bits, or memory
+ * of HIL_LATENCY or more, trim outputs that are none, a tick rate that is not positive, a converter of less than 2 or more than 24 bits, or memory
  * for less than one row. */
 bool hil_board_init(hil_board *board, const hil_config *config);
 

@@ -35,7 +35,7 @@ typedef void (*hil_write)(void *context, const uint8_t *data, size_t size);
 void hil_frame_write(const hil_frame *frame, hil_write write, void *context);
 
 typedef struct hil_reader {
-    /* Counters, for whoever wants to know; they stop at 2^32 - 1. */
+    /* Counters, for diagnosis; they stop at 2^32 - 1. */
     uint32_t frames;
     uint32_t cobs_errors; /* runs between delimiters that are not COBS */
     uint32_t too_short;   /* runs that decode to less than a header and a checksum */

@@ -39,7 +39,7 @@ def test_rows_do_not_depend_on_how_they_are_asked_for(prepare: bool) -> None:
     device = Device(noisy(), sink=lambda tick, rows: pages.append((tick, rows.copy())))
     singly = []
     for ux, uy in codes.tolist():
-        singly.append(device.row(ux, uy))
+        singly += device.rows([[ux, uy]]).tolist()
         if prepare:
             device.prepare()
     device.close()

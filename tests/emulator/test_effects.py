@@ -9,9 +9,8 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from device_emulator.effects.page import page
 from device_emulator.scenario import Scenario
-from tests.emulator.gyro import AMPLITUDE_M, EXAMPLES, IDEAL, OMEGA, record, scenario, undriven, volts
+from tests.emulator.gyro import AMPLITUDE_M, IDEAL, OMEGA, record, scenario, undriven, volts
 from tests.play import integrated
 
 TS = 1.0 / 4000.0
@@ -513,7 +512,3 @@ def test_support_that_holds_is_a_damped_spring_and_one_that_slips_takes_more() -
     measured = np.log(holds[-10 * cycle :].mean() / holds[: 10 * cycle].mean()) / ((2000 - 10 * cycle) * TS)
     assert measured == pytest.approx(2.0 * decay, rel=1e-3)
     assert slips[-200:].mean() < 0.9 * holds[-200:].mean()
-
-
-def test_the_reference_page_is_the_declarations() -> None:
-    assert (EXAMPLES.parent / "docs" / "reference" / "hidden-effects.md").read_text() == page()

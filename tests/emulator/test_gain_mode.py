@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from device_emulator.board import HORIZON
 from device_emulator.device import Device
 from device_emulator.scenario import Scenario
 from hil.wire.messages import (
     Arm,
     ClockMode,
-    DriveForce,
     DriveGains,
     Hello,
     LoopMode,
@@ -142,18 +140,6 @@ def test_the_power_up_filter_is_the_pair() -> None:
     assert not rows[:, 3].any()
 
 
-def test_a_late_matrix_is_counted_and_taken_at_the_next_tick() -> None:
-    host = ready(still(), **with_filter())
-    heard = Heard()
-    heard.add(host.say(Arm()))
-    heard.add(host.say(gains(1, BLOCK - 1)))
-    heard.add(host.say(gains(2, 2 * BLOCK + HORIZON)))
-    rows = np.array(heard.rows)
-    schedule = {BLOCK: 1, 2 * BLOCK: 2}
-    np.testing.assert_array_equal(rows[:, 2:], expected(rows[:, :2], schedule, 1, 32767, 1, 0))
-    assert host.board.status().late == 2
-
-
 def test_time_passes_between_blocks_and_nothing_acts_on_the_past() -> None:
     """On wall time: a matrix heard at tick 27 of the block that began at 20 cannot have acted at 25."""
     host = ready(still(), ClockMode.PACED, **with_filter())
@@ -211,46 +197,6 @@ def test_safe_and_arming_again_begin_anew() -> None:
     rows = np.array(heard.rows)
     np.testing.assert_array_equal(rows[:, 2:], expected(rows[:, :2], {BLOCK: 1}, 1, 32767, 77, 100))
     assert heard.matrices == [0, 1, 1]
-
-
-def test_what_is_refused_changes_nothing() -> None:
-    host = ready(still(), **with_filter())
-    assert nack(host.say(gains(1, 0))) is NackReason.BAD_STATE
-    host.say(Arm())
-    for wrong in (
-        DriveGains(0, *GAINS[1], BLOCK),
-        DriveGains(1, (float("nan"), *GAINS[1][0][1:]), (0.0, 0.0), BLOCK),
-        DriveGains(1, GAINS[1][0], (float("inf"), 0.0), BLOCK),
-    ):
-        assert nack(host.say(wrong)) is NackReason.OUT_OF_RANGE
-    assert nack(host.say(DriveForce(1, 1, BLOCK))) is NackReason.BAD_STATE
-    assert host.board.state is State.ARMED
-    assert host.board.rows == BLOCK
-
-
-@pytest.mark.parametrize(
-    ("a", "armed"),
-    [
-        ((0.98, 0.0, 0.0, 0.98), True),
-        ((0.98, 16.0, 0.0, -0.98), True),
-        ((16.0, 16.0, -16.0, -16.0), True),  # squared it is nothing
-        ((1.0, 0.0, 0.0, 0.0), False),
-        ((0.0, 0.0, 0.0, -1.0), False),
-        ((0.0, 1.0, -1.0, 0.0), False),  # a rotation
-        ((0.0, 1.0, 0.99, 0.0), False),  # ± 0.995
-        ((16.0, 0.0, 0.0, 16.0), False),
-        ((0.5, 0.5, 0.7, 0.5), False),  # 1.09
-    ],
-)
-def test_arm_wants_a_filter_that_fades(a: tuple[float, ...], armed: bool) -> None:
-    names = ("FILTER_A11", "FILTER_A12", "FILTER_A21", "FILTER_A22")
-    host = ready(still(), **dict(zip(names, a, strict=True)))
-    assert (np.abs(np.linalg.eigvals(np.reshape(a, (2, 2)))).max() <= 0.99) is np.bool_(armed)
-    if armed:
-        assert len(host.say(Arm())) == 2
-    else:
-        assert nack(host.say(Arm())) is NackReason.OUT_OF_RANGE
-        assert host.board.state is State.IDLE
 
 
 def test_the_largest_numbers_end_in_bounded_codes() -> None:

@@ -25,6 +25,10 @@ from device_emulator.device import Device
 from device_emulator.effects.catalogue import DECLARATIONS, HiddenEffect
 from device_emulator.feedback import Feedback
 from device_emulator.scenario import load
+from tests.emulator.test_turn import test_random_drives_act_by_the_rules as converse
+
+for latency, block, wide in ((0, 1, False), (1, 1, True), (3, 3, True)):
+    converse(latency, block, wide)
 
 plain = load(pathlib.Path(sys.argv[1]))
 sizes = {"1/(m²·s²)": 1e12, "1/(m⁴·s²)": 1e20, "1/(m·s²)": 1e8, "Hz": 150.0, "1/s²": 1e5, "m": 3e-5, "s": 1e-4}
@@ -63,10 +67,11 @@ def test_every_effect_runs_without_undefined_behaviour(tmp_path: Path) -> None:
     if compiler is None:
         pytest.skip("no gcc with its sanitizers: sudo apt install gcc")
     shutil.copytree(PACKAGE, tmp_path / "device_emulator", ignore=shutil.ignore_patterns("__pycache__", "*.so.1"))
+    firmware = PACKAGE.parent / "firmware" / "src"
     checks = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-g", "-O1"]
     library = tmp_path / "device_emulator" / "native" / "libdevice.so.1"
-    source = NATIVE / "device.c"
-    subprocess.run([compiler, "-std=c99", *checks, "-fPIC", "-shared", "-o", library, source, "-lm"], check=True)
+    sources = [NATIVE / "device.c", *(firmware / f"hil_{name}.c" for name in ("spec", "frame", "crc32c"))]
+    subprocess.run([compiler, "-std=c99", *checks, "-fPIC", "-shared", "-o", library, *sources, "-lm"], check=True)
     (tmp_path / "run.py").write_text(EVERY_EFFECT, encoding="utf-8")
     asan = subprocess.run([compiler, "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)
     environment = os.environ | {

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
+from device_emulator.__main__ import main
 from device_emulator.inprocess import open_board
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -211,24 +212,24 @@ def test_the_board_ends_with_its_parent() -> None:
         ),
     ],
 )
-def test_bad_input_is_one_line_and_exit_2(arguments: list[str], complaint: str, tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "device_emulator", *arguments],
-        capture_output=True,
-        text=True,
-        cwd=tmp_path,
-        timeout=PATIENCE_S,
-    )
-    assert (done.returncode, done.stdout, done.stderr) == (2, "", complaint)
+def test_bad_input_is_one_line_and_exit_2(
+    arguments: list[str],
+    complaint: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(arguments) == 2
+    assert capsys.readouterr() == ("", complaint)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("arguments", [["--seed", "-1"], ["--truth-every", "0"], ["--link", "can"]])
 def test_bad_options_are_exit_2(arguments: list[str]) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "device_emulator", SLOW, *arguments], capture_output=True, timeout=PATIENCE_S
-    )
-    assert done.returncode == 2
+    with pytest.raises(SystemExit) as ended:
+        sys.exit(main([SLOW, *arguments]))
+    assert ended.value.code == 2
 
 
 @pytest.mark.long

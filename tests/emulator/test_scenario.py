@@ -64,7 +64,7 @@ def changed(old: str, new: str) -> str:
         (
             "seed",
             "noise",
-            "noise: unknown key; known: seed, truth, sense, drive, board, rate, temperature, effect, faults",
+            "noise: unknown key; known: seed, truth, sense, drive, board, rate, temperature, effect, trim, faults",
         ),
         ('"segments"', '"segment"', "[rate] kind: unknown kind 'segment'; did you mean segments?"),
         ('kind = "segments"', "", "[rate] kind: missing"),

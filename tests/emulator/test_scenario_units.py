@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from device_emulator.page import EXAMPLE, page
 from device_emulator.rate import pieces
 from device_emulator.scenario import Scenario, load
 from device_emulator.section import ScenarioError
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "scenario.md"
+PAGE = (Path(__file__).parents[2] / "docs" / "reference" / "scenario.md").read_text(encoding="utf-8")
+EXAMPLE = PAGE.split("```toml\n")[1].split("```")[0]
 IN_MATRICES = EXAMPLE.replace("resonance_Hz = 200.0\nsplit_Hz = 4.0\nazimuth_deg = 15.0\nq = 1000.0\n", "{}\n")
 
 
@@ -22,14 +22,11 @@ def scenario(folder: Path, text: str) -> Scenario:
     return load(path)
 
 
-def test_the_page_is_current_and_has_every_table_and_key() -> None:
-    text = PAGE.read_text(encoding="utf-8")
-    assert text == page(), "run: python -m device_emulator.page > docs/reference/scenario.md"
-    assert "|  |" not in text.replace("| none |", "|")
+def test_the_page_has_every_table_and_key() -> None:
     for name, field in Scenario.model_fields.items():
-        assert f"[{name}]" in text or f"`{name}`" in text, name
+        assert f"[{name}]" in PAGE or f"`{name}`" in PAGE, name
         if hasattr(field.annotation, "model_fields"):
-            assert all(f"`{key}`" in text for key in field.annotation.model_fields)
+            assert all(f"`{key}`" in PAGE for key in field.annotation.model_fields)
 
 
 def test_the_example_of_the_page_is_a_board(tmp_path: Path) -> None:

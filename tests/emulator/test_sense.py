@@ -284,7 +284,7 @@ def test_a_delay_behind_a_layer_is_one_of_the_velocity() -> None:
 @pytest.mark.parametrize(
     ("sense", "told"),
     [
-        ({"kind": "optical"}, r"\[sense\] kind: unknown kind 'optical'"),
+        ({"kind": "camera"}, r"\[sense\] kind: unknown kind 'camera'"),
         (PIEZO | {"fingers": 100}, r"\[sense\] fingers: unknown key"),
         ({k: v for k, v in PIEZO.items() if k != "feedback_ohm"}, r"\[sense\] feedback_ohm: missing"),
     ],

@@ -80,6 +80,9 @@ class _Config(ctypes.Structure):
         ("put_now", _PUT_NOW),
         ("context", ctypes.c_void_p),
         ("estimator", ctypes.c_void_p),
+        ("trims", ctypes.c_void_p),
+        ("trim_count", ctypes.c_uint),
+        ("put_trim", ctypes.c_void_p),
     ]
 
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from hil.testing.board_rules.conformance import Board, Conformance
+from hil.testing.board_rules.rules import Rules
 from hil.wire.endpoint import Endpoint
-from tests.wire.conformance import Board, Conformance
-from tests.wire.rules import Rules
 
 pytestmark = pytest.mark.slow
 

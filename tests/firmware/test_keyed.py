@@ -12,14 +12,14 @@ from typing import Any
 import pytest
 
 from benchmarks import attack
+from hil.testing.board_rules.conformance import Board, Conformance
 from hil.wire.framing import encode_frame
-from hil.wire.generate.keyed_page import BOARD_NONCE, HOST_NONCE, SECRET, example
 from hil.wire.key_file import make_key
 from hil.wire.keyed import LAST_COUNTER, KeyedHost, Outgoing, derived
-from hil.wire.messages import Arm, Hello, Identity, Safe, SafeReason, State, Status
+from hil.wire.messages import Arm, Hello, Identity, Status
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received, Receiver, Transmitter
-from tests.wire.conformance import Board, Conformance
+from tools.keyed_example import BOARD_NONCE, HOST_NONCE, SECRET, example
 
 from .c_board import CBoard
 from .conftest import FIRMWARE, make
@@ -172,22 +172,6 @@ def test_the_example_of_the_page(board: KeyedCBoard) -> None:
     first, second = Receiver().feed(identity[9:-16] + status[9:-16])
     assert isinstance(first.message, Identity)
     assert isinstance(second.message, Status)
-
-
-def test_a_conversation(board: KeyedCBoard) -> None:
-    host = Talker(board)
-    assert host.hello().tick_rate_Hz == 4000.0
-    (status,) = host.say(Arm())
-    assert status.state == State.ARMED
-    (status,) = host.say(Safe(SafeReason.HOST_REQUEST))
-    assert status.state == State.SAFE
-    before = list(host.said)
-    for datagram in before[1:]:  # the call alone is answered
-        assert board.take(datagram) == []
-    host.hello()
-    for datagram in before[1:]:
-        assert board.take(datagram) == []
-    assert host.say(Safe(1))[0]._replace(tick=0) == status._replace(tick=0)
 
 
 def test_an_empty_frame_frees_the_board_and_a_second_host_waits_until_then(board: KeyedCBoard) -> None:

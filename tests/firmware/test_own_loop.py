@@ -8,10 +8,10 @@ import pytest
 
 import hil
 from hil.bench import Bench, load_bench, override
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
+from hil.running.run import run
 from tests.made_once import made_once
 
 from .conftest import FIRMWARE, make

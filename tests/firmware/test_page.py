@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+from hil.wire.messages import DriveForce
 from hil.wire.stream import Transmitter
 
 TREE = Path(__file__).parents[2]
@@ -37,7 +38,7 @@ def test_its_frame_sizes_are_right() -> None:
     tx = Transmitter()
     tx.seq = 0x0101
     row = tx.encode_row(0x01010101, 1000, -2000, 300, -400, 0, 2)
-    drive = tx.encode_drive(300, -400, 0x01010102, 0x01010101)
+    drive = tx.encode(DriveForce(300, -400, 0x01010102), 0x01010101)
     sizes = re.search(r"goes out in (\d+) bytes .* comes back in (\d+)", PAGE)
     assert sizes is not None
     assert [int(size) for size in sizes.groups()] == [len(row), len(drive)]

@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from hil.bench import Bench, load_bench, override
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
+from hil.running.run import run
 
 from .process import pty_board
 
