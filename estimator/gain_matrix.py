@@ -50,7 +50,7 @@ def pair(delay: int) -> BoardFilter:
 class GainMatrix:
     """Folds an observer's estimates and its controller's settings into G and b.
 
-    Of the effects that the observer carries only channels that are turned round are undone.  Raises ModelError for a
+    Of the effects that the observer carries only inverted channels are compensated.  Raises ModelError for a
     filter whose two signals are nearly one at the target frequency.
     """
 

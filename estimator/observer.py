@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +33,9 @@ from estimator.model.declaration import Constant, Model, Quantity
 from estimator.scaling import Array, Scaling
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Sensed, Variant
 from estimator.side_by_side import stop_if_abandoned
+from estimator.trims import Electrode, Trims
+
+T = TypeVar("T")
 
 _OF_DISPLACEMENT = (Source.INTEGRAL, Source.RESONATOR)
 _PORTION = 4096
@@ -116,7 +119,6 @@ class Observer:
     ) -> None:
         self.device = device
         self.settings = settings
-        self._controller = controller
         self.number, self.model = model_for(device.axes)
         self.scaling = Scaling.of(device)
         self.volts = np.array([self.scaling.sense(axis) for axis in range(device.axes)])  # of a unit of length
@@ -149,6 +151,7 @@ class Observer:
         self._record = self._recorded(controller)
         self._start = self.x[self.states :][self.active]
         self.first_temperature: float | None = None
+        self.trims = Trims()
         self._memory = np.zeros(1, MEMORY)
         self._memory["nis"] = 1.0
         self._memory["dither"] = dither_start(None if controller is None else controller.dither_seed)
@@ -287,44 +290,63 @@ class Observer:
 
     def _enlist(self, record: NDArray[np.void]) -> None:
         """The effects, what they depend on, and which path they delay."""
-        first, signals = len(self.model.constants), 0
+        first = len(self.model.constants)
+        listed: list[tuple[int, int, int, float, float]] = []
         for path in ("sense_delay", "drive_delay", "watched_sense_delay", "watched_drive_delay"):
             record[path] = -1
         for index, (number, effect) in enumerate(self.effects):
-            code = self._address_of(effect) if number == OWN else number
-            record["effects"][0, index] = code, first, signals
             if effect.delayed is not None:
                 record[f"{'' if index < self.carried else 'watched_'}{effect.delayed.value}_delay"] = first
-            given = self.settings.effects[effect.name]
-            scaled = {
-                name_of(p): given[p.name] / self.scaling.coefficient(p) if p.name in given else p.default
-                for p in effect.parameters
-            }
-            symbols = [name_of(coefficient) for coefficient in effect.coefficients]
-            for signal in effect.signals:
-                if signals == MAX_SIGNALS:
-                    raise ModelError(f"more than {MAX_SIGNALS} signals for the effects; leave one of them out")
-                one = name_of(signal, "behind")
-                behind = first + symbols.index(one) if one in symbols else -1
-                record["signals"][0, signals] = signal.source.value, signal.axis, behind
-                one = name_of(signal) if signal.source is Source.PARAMETER else one
-                own = [scaled[one]] if one in scaled else list(scaled.values())[:2]
-                record["signal_parameters"][0, signals, : len(own)] = own
-                if signal.source in OF_THE_WAY and signal.axis < self.device.axes and index < self.carried:
-                    slips = int(record["slip_count"][0])
-                    if slips == MAX_SLIPS:
-                        raise ModelError(f"more than {MAX_SLIPS} springs that slip; leave one of them out")
-                    record["slips"][0, slips] = signals, signal.axis, behind, signal.source.value
-                    record["slip_count"] = slips + 1
-                signals += 1
+            own = self._signals_of(effect, first)
+            of_the_way = any(signal.source in OF_THE_WAY for signal in effect.signals)
+            # Many effects depend on the same line: one that is there already is followed once.
+            place = len(listed) if of_the_way else _place_of(own, listed)
+            listed += own if place == len(listed) else []
+            code = self._address_of(effect) if number == OWN else number
+            record["effects"][0, index] = code, first, place
+            if index < self.carried:
+                self._enlist_slips(record, effect, place, own)
+                record["pushes"] += effect.pushes
+                if of_the_way or any(signal.source is Source.DIRECTION for signal in effect.signals):
+                    record["kinked"] = 1
+                record["carried_signals"] = len(listed)
             first += len(effect.coefficients)
-            kinked = any(signal.source in (Source.DIRECTION, *OF_THE_WAY) for signal in effect.signals)
-            if index < self.carried and kinked:
-                record["kinked"] = 1
-            record["pushes"] += index < self.carried and effect.pushes
+        if len(listed) > MAX_SIGNALS:
+            raise ModelError(f"more than {MAX_SIGNALS} signals for the effects; leave one of them out")
         record["effect_count"] = self.carried
         record["candidate_count"] = len(self.effects) - self.carried
-        record["signal_count"] = signals
+        record["signal_count"] = len(listed)
+        for number, one in enumerate(listed):
+            record["signals"][0, number], record["signal_parameters"][0, number] = one[:3], one[3:]
+
+    def _signals_of(self, effect: Effect, first: int) -> list[tuple[int, int, int, float, float]]:
+        """Source, axis, place of a coefficient among the constants and parameters of what an effect depends on."""
+        given = self.settings.effects[effect.name]
+        scaled = {
+            name_of(p): float(given[p.name] / self.scaling.coefficient(p) if p.name in given else p.default or 0.0)
+            for p in effect.parameters
+        }
+        symbols = [name_of(coefficient) for coefficient in effect.coefficients]
+        found = []
+        for signal in effect.signals:
+            one = name_of(signal, "behind")
+            behind = first + symbols.index(one) if one in symbols else -1
+            one = name_of(signal) if signal.source is Source.PARAMETER else one
+            own = [*([scaled[one]] if one in scaled else scaled.values()), 0.0, 0.0]
+            found.append((signal.source.value, signal.axis, behind, own[0], own[1]))
+        return found
+
+    def _enlist_slips(
+        self, record: NDArray[np.void], effect: Effect, place: int, own: Sequence[tuple[int, int, int, float, float]]
+    ) -> None:
+        """What depends on the way, of an effect whose signals `own` stand at that place."""
+        for number, (signal, (source, axis, behind, *_)) in enumerate(zip(effect.signals, own, strict=True), place):
+            if signal.source in OF_THE_WAY and axis < self.device.axes:
+                slips = int(record["slip_count"][0])
+                if slips == MAX_SLIPS:
+                    raise ModelError(f"more than {MAX_SLIPS} springs that slip; leave one of them out")
+                record["slips"][0, slips] = number, axis, behind, source
+                record["slip_count"] = slips + 1
 
     def _address_of(self, effect: Effect) -> int:
         """Of the code of an effect that is not of the catalogue."""
@@ -418,7 +440,7 @@ class Observer:
         """What a kernel takes."""
         return Arrays(
             self._record, self.active, self._intensity, self._prior, self._spread, self._start, self._table,
-            self.x, self._p, self._c, self._memory, self._rows,
+            self.x, self._p, self._c, self._memory, self._rows, self.trims.record,
         )  # fmt: skip
 
     @property
@@ -427,11 +449,6 @@ class Observer:
         the estimates have under it.
         """
         return self._p.copy(), self._c.copy()
-
-    @property
-    def coefficient_deviations(self) -> Array:
-        """Standard deviations (k,) of the effects' coefficients as they are now, scaled."""
-        return np.asarray(np.sqrt(np.maximum(np.diagonal(self._p)[self._first_coefficient :], 0.0)))
 
     @property
     def _first_coefficient(self) -> int:
@@ -488,27 +505,6 @@ class Observer:
 
     # -- beginning, and beside another -----------------------------------------------------------------------------
 
-    def begin_about(self, previous: "Observer", wider: float) -> None:
-        """Give the constants the covariance `previous` ended with, its deviations so many times as large, but none
-        larger than before a record was seen; of the rate, which moves, without what it shared with them.
-
-        This observer carries what the previous one did, and may carry more behind.
-        """
-        constants = slice(self.states, None)
-        wide = self._p[constants, constants]
-        common = len(previous._p) - self.states
-        found = previous._p[constants, constants]
-        with np.errstate(divide="ignore", invalid="ignore"):
-            scale = np.fmin(wider, np.sqrt(np.diagonal(wide)[:common] / np.diagonal(found)))
-        wide[:common, :common] = found * np.outer(scale, scale)
-        if "rate" in self.model.names:
-            rate = self.estimated.index("rate") - self.states
-            own = wide[rate, rate]
-            wide[rate, :] = 0.0
-            wide[:, rate] = 0.0
-            wide[rate, rate] = own
-        self._c[:] = self._p
-
     def begin_moving(self, motion: Array) -> None:
         """Begin with these displacements and velocities (2, axes), m and m/s, at the start of the first interval."""
         self.x[: self.states] = np.asarray(motion).T.ravel() / self.factors[: self.states]
@@ -519,6 +515,12 @@ class Observer:
         if temperature is not None:
             self.first_temperature = temperature
 
+    def declare_trims(self, electrodes: Sequence[Electrode]) -> None:
+        """Have trim electrodes, of which `trims` is told the voltages. Raises ModelError for a single axis."""
+        if self.device.axes != 2:
+            raise ModelError("trim electrodes are of a gyro with two axes; leave out [trim]")
+        self.trims.declare(electrodes, self.scaling.omega0, self.estimated)
+
     def hold(self, names: Iterable[str]) -> None:
         """Keep constants or coefficients where they are: known, so nothing of them is learnt or forgotten."""
         rows = np.array([self.estimated.index(name) for name in names], dtype=int)
@@ -527,6 +529,22 @@ class Observer:
             covariance[:, rows] = 0.0
         for own in (self._intensity, self._spread, self._prior):
             own[rows - self.states] = 0.0
+
+    def rest_constants(self) -> None:
+        """Constants do not walk in the covariance of the estimates, though the gain allows for it: what noise alone
+        makes of them.  For an observer that has not begun: from now on it carries both covariances.
+        """
+        self._record["resting"] = self._record["two_covariances"] = 1
+
+    def refer_angle(self) -> None:
+        """Count the angle's uncertainty from the next sample on."""
+        self._memory["referred"] = 0
+
+    @property
+    def pattern_variance(self) -> float:
+        """Variance [rad²] of the pattern angle, as it is estimated now."""
+        gradient = self._memory["gradient"][0]
+        return float(gradient @ self._actual[: self.states, : self.states] @ gradient)
 
     def hold_coefficients(self) -> None:
         """Keep those of all effects that are carried."""
@@ -562,6 +580,7 @@ class Observer:
         queue = self._memory["queue"].copy()
         for mine, its in ((self.x, other.x), (self._p, other._p), (self._c, other._c), (self._memory, other._memory)):
             mine[:] = its
+        self.trims.record[:], self._start[:] = other.trims.record, other._start
         self._carried_angle = copy(other._carried_angle)
         if not commands:
             self._memory["queue"] = queue
@@ -584,6 +603,11 @@ class Observer:
         """Make the controller's target stiffness and the amplitude that it holds so many times the declared ones."""
         self._record["stiffness"] = stiffness
         self._record["energy"] = 0.5 * stiffness * amplitude**2
+
+    @property
+    def target_stiffness(self) -> float:
+        """The controller's, by now, 1/s²."""
+        return float(self._record["stiffness"][0]) * self.scaling.omega0**2
 
     def turn(self, virtual_rotation: float) -> None:
         """Impose another virtual rotation [rad/s]."""
@@ -783,7 +807,7 @@ class Observer:
 
 
 def _portions(n: int, every: int, portion: Callable[[], int]) -> Iterator[tuple[slice, slice, int]]:
-    """n samples in portions, so that whoever presses Ctrl-C waits for one of them and not for the record: its samples,
+    """n samples in portions, so that Ctrl-C waits for one of them and not for the record: its samples,
     its rows of the state, which is kept at every `every`-th, and the stride that does that within the portion.
     `portion` is asked before each how many samples it may have; it has whole strides, or lies within one.
     """
@@ -796,3 +820,9 @@ def _portions(n: int, every: int, portion: Callable[[], int]) -> Iterator[tuple[
         stride = min(every, end - begin) if rows.stop > rows.start else end - begin + 1
         yield slice(begin, end), rows, stride
         begin = end
+
+
+def _place_of(part: Sequence[T], whole: Sequence[T]) -> int:
+    """Where a part stands in a sequence; the end of that where it does not."""
+    places = (k for k in range(len(whole) - len(part) + 1) if list(whole[k : k + len(part)]) == list(part))
+    return next(places, len(whole))

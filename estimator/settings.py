@@ -8,6 +8,7 @@ from enum import Enum
 
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
+from estimator.interface import Interface
 
 
 class Variant(Enum):
@@ -45,7 +46,8 @@ class Device:
     stiffness [1/s²] and damping [1/s] are (xx, yy, xy), or one number for a single axis; sense_gain [V/m] and noise [V
     rms per sample] per axis; drive_gain [m/s² per drive unit] is 1 where the drive is given in m/s²; angular_gain is
     the rotation of the pattern over that of the board; own are effects beside the catalogue, which an observer may
-    carry and a trace name like those in it.
+    carry and a trace name like those in it; interface is the map of the sense channels, whose effect is the first of
+    own.
     """
 
     sample_rate: float
@@ -61,6 +63,7 @@ class Device:
     sensed: tuple["Sensed", ...] = ()
     sense_unit: str = "V"
     own: tuple[Effect, ...] = ()
+    interface: Interface | None = None
 
     @property
     def axes(self) -> int:

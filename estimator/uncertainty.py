@@ -14,12 +14,12 @@ with the velocity, A = 2 δΩ J, looks like a rotation, and is taken for one:
     mx, my    δΩ = ¼ (mx dyy − my dxx)                       ex, ey    δΩ = ¼ (ex dxx − ey dyy)
     τx, τy    δΩ = − ¼ (τx − τy) kxy of the drive            τx, τy    δΩ = + ¼ (τx − τy) kxy of the sense channels
 
+The map of a sense interface that reads the amplitude of an axis wrong, gx or gy, acts as gy does.
 gy and ex, ey also show the ellipse at the wrong angle, by ½ gy sin 2θ and ½ (ex + ey) cos 2θ.  A board's clock that is
 fast by δ makes each of its forces act as if it were smaller by 2δ, and nothing else: an angle has no unit of time.
 The derivation stands in docs/explanation.md; each line is held against the emulator.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -38,6 +38,7 @@ class Calibration:
     sense_delay: float = 0.0
     clock: float = 0.0
     angular_gain: float = 0.0
+    sense_interface: float = 0.0
 
 
 CONSTANTS = tuple(field.name for field in fields(Calibration))
@@ -85,10 +86,5 @@ def sensitivities(course: SinceZero) -> dict[str, Number]:
         "sense_delay": late,
         "clock": 4.0 * forced**2,
         "angular_gain": course.rotation**2,
+        "sense_interface": 2.0 * (turned + apart + shown),
     }
-
-
-def total_variance(calibration: Calibration, course: SinceZero) -> Number:
-    """Variance [rad²] of the reported angle by the calibration as a whole."""
-    found: Mapping[str, Number] = variances(calibration, course)
-    return sum(found.values())

@@ -18,6 +18,11 @@ def significant(value: float, digits: int = 3) -> str:
     return _power(f"{value / 10.0**exponent:.{digits - 1}f}", exponent)
 
 
+def gains(value: float) -> str:
+    """What a model with one effect more gains, in words."""
+    return f"gains {significant(value)} in twice the log-likelihood"
+
+
 def plus_minus(value: float, half_width: float, beside: float | None = None) -> str:
     """Value and half width of its interval, the half width with two digits: `1 610 719 ± 31`.
 

@@ -48,12 +48,40 @@ static inline void advance_two(const Settings *settings, const Interval *interva
         }
         at += DRIFTS[stage];
         if (stage < IMPULSES) {
-            line_values(settings, interval->time + (double)(at * h), push->signals);
+            line_values(settings, settings->carried_signals, interval->time + (double)(at * h), push->signals);
             kick(settings, c, KICKS[stage] * h, columns, columns, other, out, push);
             push_entries(KICKS[stage] * h, push->by_states, entries);
         }
     }
     gyro_add_constants(c, entries, out, columns);
+}
+
+/* `taylor` of the columns of work->out.  In 32 bits the state and the first term of its series, which is nearly all that it
+   moves by, are added up in 64, and what of the sum 32 do not hold is kept: rounded alike at each turn of the vibration,
+   it would turn the pattern by 0.1 mrad in 40 s. */
+static inline void move(const Settings *settings, const real *c, const real *u, whole terms, real h, whole columns,
+                        FlowWork *work)
+{
+    real *out = work->out;
+    whole stride = work->columns;
+#ifdef CORE_FLOAT32
+    whole states = settings->states;
+    real s[4] = {0};
+    double sum[4];
+    for (whole i = 0; i < states; i++)
+        s[i] = out[i * stride];
+#endif
+    taylor(settings->model, c, u, terms, h, settings->order, columns, work->term, out, stride);
+#ifdef CORE_FLOAT32
+    if (columns == 1)
+        return;
+    first_term(settings->model, c, s, work->rest, u, terms, h, sum);
+    for (whole i = 0; i < states; i++) {
+        sum[i] = ((double)s[i] + (double)work->rest[i]) + (sum[i] + (double)out[i * stride]);
+        out[i * stride] = (real)sum[i];
+        work->rest[i] = (real)(sum[i] - (double)out[i * stride]);
+    }
+#endif
 }
 
 /* Advance the columns of work->out over the interval under effects that are smooth in it; columns is 1 or all. */
@@ -65,7 +93,7 @@ static inline void advance_columns(const Settings *settings, const Interval *int
     Push *push = &work->push;
     int held = terms == 1, ways = settings->slip_count > 0;
     if (settings->pushes == 0) {
-        taylor(settings->model, c, interval->u, terms, h, settings->order, columns, work->term, out, stride);
+        move(settings, c, interval->u, terms, h, columns, work);
         return;
     }
     if (columns > 1 && axes == 2 && held && FABS(h) <= LONGEST_STEP) {
@@ -81,13 +109,13 @@ static inline void advance_columns(const Settings *settings, const Interval *int
         }
         if (ways)
             memcpy(work->other, out, (size_t)(settings->states * stride) * sizeof(real));
-        taylor(settings->model, c, u, terms, length * h, settings->order, columns, work->term, out, stride);
+        move(settings, c, u, terms, length * h, columns, work);
         if (ways)
             slide(settings, c, length * h, columns, stride, work->other, out, push->slips);
         at += length;
         if (stage < IMPULSES) {
             drive_at(interval->u, axes, terms, at, push->drive);
-            line_values(settings, interval->time + (double)(at * h), push->signals);
+            line_values(settings, settings->carried_signals, interval->time + (double)(at * h), push->signals);
             kick(settings, c, KICKS[stage] * h, columns, stride, work->other, out, push);
         }
     }

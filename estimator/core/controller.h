@@ -171,7 +171,7 @@ static inline void wanted_force(const Settings *settings, const Memory *memory, 
         if (late)
             shift_drives(past, u, 2, 1);
     }
-    line_values(settings, memory->time + (double)(((real)latency + R(0.5)) * h), moved->push.signals);
+    line_values(settings, settings->carried_signals, memory->time + (double)(((real)latency + R(0.5)) * h), moved->push.signals);
     if (!late) {
         steer(settings, memory, s, c, R(0.5) * h, moved, force);
         return;

@@ -48,12 +48,13 @@ EXPORTED void gyro_estimator_places(int64_t places[3])
     places[2] = (int64_t)offsetof(Estimator, codes);
 }
 
-/* Bytes of a row of settings, memory and output, which Python lays out as well (layout.py). */
-EXPORTED void gyro_row_sizes(int64_t sizes[3])
+/* Bytes of a row of settings, memory, output and trims, which Python lays out as well (layout.py). */
+EXPORTED void gyro_row_sizes(int64_t sizes[4])
 {
     sizes[0] = (int64_t)sizeof(Settings);
     sizes[1] = (int64_t)sizeof(Memory);
     sizes[2] = (int64_t)sizeof(Output);
+    sizes[3] = (int64_t)sizeof(Trims);
 }
 
 /* One sample of the closed loop, for a caller in C: sense codes (NaN: lost) and echoed drive codes -> codes to send. */

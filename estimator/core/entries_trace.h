@@ -1,23 +1,14 @@
-/* Entries of what looks at records: scans, free runs, experiments, and the filters of a search. */
+/* Entries of what looks at records: scans, free runs, experiments. */
 #ifndef GYRO_ENTRIES_TRACE_H
 #define GYRO_ENTRIES_TRACE_H
 
 #include "experiment.h"
 #include "foresight.h"
-#include "gram.h"
-#include "missing_force.h"
+#include "likelihood.h"
 #include "rotation.h"
 #include "scan.h"
 #include "series.h"
 #include "simulation.h"
-
-/* Rows of a matrix and their products. */
-typedef struct {
-    whole rows;
-    whole width;
-    const real *a;
-    real *out;
-} Gram;
 
 /* A board on the host, and rows it is carried over that were not received. */
 typedef struct {
@@ -40,9 +31,9 @@ EXPORTED void gyro_scan_block(Estimator *estimator, const Scan *scan)
     scan_block(estimator, scan);
 }
 
-EXPORTED void gyro_add_gram(const Gram *gram)
+EXPORTED void gyro_likelihood_pass(Estimator *estimator, const Likelihood *pass)
 {
-    add_gram(gram->a, gram->rows, gram->width, gram->out);
+    likelihood_pass(estimator, pass);
 }
 
 EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan)
@@ -75,49 +66,14 @@ EXPORTED void gyro_board_foresee(const Foresight *asked)
     board_foresee(asked->settings, asked->board, asked->x, asked->first, asked->rows, asked->drives);
 }
 
-EXPORTED void gyro_follow_force(const Force_filter *filter)
-{
-    follow_force(filter);
-}
-
-EXPORTED void gyro_force_signatures(const Force_filter *filter, const Force_columns *asked)
-{
-    force_signatures(filter, asked);
-}
-
-EXPORTED void gyro_settled_forward(const Settled *filter)
-{
-    settled_forward(filter);
-}
-
-EXPORTED void gyro_settled_backward(const Settled *filter)
-{
-    settled_backward(filter);
-}
-
 EXPORTED void gyro_turning(const Turning *turning)
 {
     follow_turning(turning);
 }
 
-EXPORTED void gyro_slip(const Series *series)
-{
-    slip_along(series);
-}
-
-EXPORTED void gyro_ramp(const Series *series)
-{
-    ramp_behind(series);
-}
-
 EXPORTED void gyro_play(const Series *series)
 {
     play_behind(series);
-}
-
-EXPORTED void gyro_likeliest_path(const Levels *levels)
-{
-    likeliest_path(levels);
 }
 
 #endif

@@ -5,6 +5,7 @@
 #include "block.h"
 #include "layout.h"
 #include "structs.h"
+#include "trims.h"
 
 /* An observer's own arrays, scaled: live, for those who call with them.
 
@@ -23,11 +24,12 @@ typedef struct {
     const real *intensity;
     const real *prior;
     const real *spread;
-    const real *initial;
+    real *initial;
     const real *table;
     real *x;
     real *p;
     real *c;
+    Trims *trims;
 } Arrays;
 
 /* Arrays first: a pointer to it is one to them. */
@@ -138,6 +140,7 @@ static inline whole observe_block(Estimator *estimator, const Block *block)
             arrays->memory->temperature = block->temperature[m];
         if (axes == 2)
             note_applied(settings, arrays->memory, u, block->terms);
+        follow_trims(settings, arrays->trims, &estimate, arrays->initial, sample.h);
         advance_filter(settings, arrays->active, arrays->count, &constants, &table, &estimate, &sample, work,
                        block->rows + m);
         if (m % block->every == block->every - 1) {
@@ -159,6 +162,7 @@ static inline void observer_step(Estimator *estimator, const real *z, const real
     Table table = table_of(arrays);
     Estimate estimate = widened(estimator);
     Sample sample = {z, u, 1, arrays->settings->h};
+    follow_trims(arrays->settings, arrays->trims, &estimate, arrays->initial, sample.h);
     advance_filter(arrays->settings, arrays->active, arrays->count, &constants, &table, &estimate, &sample,
                    workspace_of(estimator), arrays->rows);
     settle(estimator, &estimate);

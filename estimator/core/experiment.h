@@ -4,6 +4,8 @@
 
 #include "estimator.h"
 
+#define MOST_LATE 63
+
 /* n samples of the loop: truth moves under the drive that the observer asks for. */
 typedef struct {
     whole n;
@@ -14,10 +16,11 @@ typedef struct {
     real *truth;           /* (states + constants,), moved along */
     real *sensed;          /* (n, 2) the record */
     real *drive;           /* (n, 2), acting over the interval that ends at each sample */
+    real late;             /* samples by which the drive acts later than that, 0 to MOST_LATE */
 } Experiment;
 
-/* The device over one sample: Euler's term of a rate that jumps, and the flow under u. */
-static inline void experiment_device(const Settings *settings, real rate, const real *u,
+/* The device over a sample, or over a part of one: Euler's term of a rate that jumps, and the flow under u. */
+static inline void experiment_device(const Settings *settings, real rate, real h, const real *u,
                                      real (*past)[MAX_AXES][MAX_DEGREE], real *truth, FlowWork *work)
 {
     real *s = truth, *constants = truth + settings->states;
@@ -25,7 +28,7 @@ static inline void experiment_device(const Settings *settings, real rate, const 
     constants[RATE] = rate;
     s[1] += change * s[2];
     s[3] -= change * s[0];
-    Interval interval = {R(0.0), settings->h, u, 1};
+    Interval interval = {R(0.0), h, u, 1};
     flow(settings, &interval, past, constants, s, 1, work);
     for (whole i = 0; i < settings->states; i++)
         s[i] = work->out[i * work->columns];
@@ -36,14 +39,22 @@ static inline void experiment_block(Estimator *estimator, const Experiment *plan
     Settings *settings = plan->settings;
     whole states = settings->states, latency = settings->latency;
     real queue[MAX_LATENCY + 1][2] = {{R(0.0), R(0.0)}};
+    real acted[MOST_LATE + 2][2] = {{R(0.0), R(0.0)}}; /* newest first */
     double codes[2];
+    whole back = (whole)FLOOR(plan->late);
+    real part = (plan->late - (real)back) * settings->h; /* of a sample, while the drive before still acts */
     real past[MAX_DELAY + 1][MAX_AXES][MAX_DEGREE];
     workspace_begin(&estimator->work, settings, estimator->arrays.n, estimator->arrays.total);
     memcpy(past, estimator->arrays.memory->past, sizeof past);
     for (whole m = 0; m < plan->n; m++) {
         const real u[2] = {queue[0][0], queue[0][1]};
         real *sensed = plan->sensed + 2 * m, *drive = plan->drive + 2 * m;
-        experiment_device(settings, plan->rates[m], u, past, plan->truth, &estimator->work.flow);
+        memmove(acted[1], acted[0], (MOST_LATE + 1) * sizeof *acted);
+        memcpy(acted[0], u, sizeof u);
+        if (part > R(0.0))
+            experiment_device(settings, plan->rates[m], part, acted[back + 1], past, plan->truth, &estimator->work.flow);
+        experiment_device(settings, plan->rates[m], settings->h - part, acted[back], past, plan->truth,
+                          &estimator->work.flow);
         for (whole axis = 0; axis < 2; axis++) {
             whole shown = 2 * axis + settings->sensed[axis];
             sensed[axis] = plan->truth[shown] + plan->truth[states + axis] + plan->noise[2 * m + axis];

@@ -8,17 +8,19 @@ from estimator.core.following import Observing
 from estimator.core.layout import Floats
 from estimator.core.library import LIBRARY
 
-_EXPERIMENT = Arguments(("n",), ("settings", "rates", "stiffness", "noise", "truth", "sensed", "drive"))
+_EXPERIMENT = Arguments(("n",), ("settings", "rates", "stiffness", "noise", "truth", "sensed", "drive"), ("late",))
+MOST_LATE = 63
 
 
 class Plan(NamedTuple):
     """What an experiment does: rotation rate and the controller's target stiffness (n,) at each sample, noise (n, 2)
-    added to what is sensed.
+    added to what is sensed; late: samples, 0 to MOST_LATE, by which the drive acts later than the record says.
     """
 
     rates: Floats
     stiffness: Floats
     noise: Floats
+    late: float = 0.0
 
 
 def experiment_block(observer: Observing, truth: Floats, plan: Plan, sensed: Floats, drive: Floats) -> None:

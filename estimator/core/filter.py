@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.core.arguments import Arguments
-from estimator.core.layout import MEMORY, OUTPUT, SETTINGS
+from estimator.core.layout import MEMORY, OUTPUT, SETTINGS, TRIMS
 from estimator.core.library import LIBRARY
 from estimator.core.structures import Arrays
 
@@ -19,11 +19,14 @@ LIBRARY.gyro_estimator_places(_places)
 _SIZE, _SAMPLE, _CODES = _places
 _ARRAYS = Arguments(
     ("count", "n", "total", "angles", "phases"),
-    ("settings", "memory", "rows", "active", "intensity", "prior", "spread", "initial", "table", "x", "p", "c"),
-)
+    (
+        "settings", "memory", "rows", "active", "intensity", "prior", "spread", "initial", "table", "x", "p", "c",
+        "trims",
+    ),
+)  # fmt: skip
 _BLOCK = Arguments(("n", "terms", "every"), ("z", "u", "h", "temperature", "truth", "rows", "states", "deviations"))
 _GATHERING = Arguments(("settle", "samples"), ("total", "weight"), ("rotation", "h"))
-_KINDS = {"settings": SETTINGS, "memory": MEMORY, "rows": OUTPUT, "active": np.dtype(np.int64)}
+_KINDS = {"settings": SETTINGS, "memory": MEMORY, "rows": OUTPUT, "active": np.dtype(np.int64), "trims": TRIMS}
 STEP = ctypes.cast(LIBRARY.estimator_tick, ctypes.c_void_p).value or 0
 """Address of the function by which a caller in C has a filter take a sample and answer it."""
 _write, _read = struct.Struct("4d").pack_into, struct.Struct("2d").unpack_from

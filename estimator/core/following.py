@@ -1,6 +1,4 @@
-"""A block of samples observed while effects that are not carried are followed (estimator/core/scan.h), and the normal
-equations of what is found.
-"""
+"""A block of samples observed while effects that are not included are followed (estimator/core/scan.h)."""
 
 import ctypes
 from typing import NamedTuple, Protocol
@@ -20,7 +18,6 @@ _SCAN = Arguments(
     ("constants", "z", "u", "h", "temperature", "rows", "delta", "equations", "turned", "course", "scratch"),
     ("level",),
 )
-_GRAM = Arguments(("rows", "width"), ("a", "out"))
 
 
 class Portion(NamedTuple):
@@ -86,14 +83,3 @@ def scan_block(observer: Observing, portion: Portion, signatures: Signatures) ->
             scratch=np.zeros(2 * constants + (2 + rows_of_delta) * count), level=level,
         ),
     )  # fmt: skip
-
-
-def gram(a: Floats) -> Floats:
-    """AᵀA of a tall matrix, whose width is a multiple of `BLOCK`; blocks of it below the diagonal are not filled.
-
-    On one core: beside a running loop a library's own threads would wait for one another.
-    """
-    rows, width = a.shape
-    out = np.zeros((width, width))
-    LIBRARY.gyro_add_gram(_GRAM(rows=rows, width=width, a=a, out=out))
-    return out

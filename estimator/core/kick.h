@@ -13,7 +13,7 @@ static inline void effect_forces(const Settings *settings, const real *c, const 
 {
     whole states = settings->states;
     if (settings->kinked == 1)
-        directions(settings, s, push->signals);
+        directions(settings, settings->carried_signals, s, push->signals);
     for (whole k = 0; k < settings->slip_count; k++) {
         push->signals[settings->slips[k][0]] = push->slips[k][0];
         push->signals[MAX_SIGNALS + settings->slips[k][0]] = R(0.0);

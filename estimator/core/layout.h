@@ -1,5 +1,5 @@
 /* Numbers and records that the core shares: settings (written once), memory (carried from sample to sample), output (one
-   row a sample).  layout.py lays out the same for Python, and the loader compares their sizes.
+   row a sample).  layout.py reads them here (declared.py), and the loader compares their sizes.
 
    All numbers are scaled: time by 1/w0, length by the nominal amplitude.  `hil generate` gives smaller sizes and, for a
    board, real as float. */
@@ -85,6 +85,7 @@ typedef int64_t whole;
 #ifndef MAX_ENTRIES
 #define MAX_ENTRIES (4 + BASE_CONSTANTS + 2 * MAX_EFFECTS) /* states and constants that are carried */
 #endif
+#define MAX_TRIMS 8
 #define MAX_WIDTH ((MAX_ENTRIES + 3) / 4 * 4) /* of a row that fills vector registers */
 #define MAX_COLUMNS MAX_WIDTH                 /* of a flow: the state, and its derivatives */
 
@@ -103,6 +104,7 @@ typedef struct {
     whole pushes;                  /* effects among them that are forces */
     whole kinked;                  /* a force depends on the direction of motion, or on the way */
     whole signal_count;
+    whole carried_signals; /* those of effects that are carried, which come first */
     whole signals[MAX_SIGNALS][3];         /* source, its axis, index of its coefficient among the constants */
     real signal_parameters[MAX_SIGNALS][2]; /* a constant's value in the first */
     whole slip_count;
@@ -115,6 +117,7 @@ typedef struct {
     whole order;           /* of the Taylor flow */
     real fade;             /* factor on the predicted covariance, 1 without fading */
     whole two_covariances; /* 1: the actual covariance C is carried beside P */
+    whole resting;         /* 1: constants do not walk in C, whatever P allows for */
     whole stationary;      /* 1: gains from the table, no Riccati recursion from then on */
     real takeover;         /* time from which the table is used */
     whole sensed[MAX_AXES]; /* what a channel shows: 0 displacement, 1 velocity, 2 acceleration */
@@ -169,7 +172,7 @@ typedef struct {
     real past[MAX_DELAY + 1][MAX_AXES][MAX_DEGREE]; /* drives of the intervals before, newest first */
     real queue[MAX_LATENCY + 1][3]; /* commanded ux, uy and the virtual rate in them, oldest first */
 #ifdef CORE_FLOAT32
-    real rest[MAX_ENTRIES]; /* of each constant: what its 32 bits do not hold */
+    real rest[MAX_ENTRIES]; /* of each state and constant: what its 32 bits do not hold */
 #endif
 } Memory;
 
@@ -185,5 +188,19 @@ typedef struct {
     real energy_ratio;
     real quadrature_ratio;
 } Output;
+
+/* Trim electrodes of an observer.  softening: of kxx, kyy, kxy by V^2, and its variance; settling: time constant; target:
+   voltage put out, volts: of the electrode, squared: that of which the square is in the constants by now.  rows: of kxx,
+   kyy, kxy in the covariance, -1 for what is not estimated. */
+typedef struct {
+    whole count;
+    whole rows[3];
+    real softening[MAX_TRIMS][3];
+    real variance[MAX_TRIMS][3];
+    real settling[MAX_TRIMS];
+    real target[MAX_TRIMS];
+    real volts[MAX_TRIMS];
+    real squared[MAX_TRIMS];
+} Trims;
 
 #endif

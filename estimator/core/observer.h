@@ -322,23 +322,18 @@ static inline whole entry_of(const Settings *settings, const whole *active, whol
     return i < settings->states ? i : settings->states + active[i - settings->states];
 }
 
-/* Add to an entry of the state.  A constant sums up changes that are small beside it over the whole run: what 32 bits round
-   off of one is kept for the next (Kahan, Comm. ACM 8(1), 1965).  A state is predicted anew at each sample. */
-static inline void add_to(const Settings *settings, Estimate *estimate, whole entry, real change)
+/* Add to an entry of the state.  What 32 bits round off of it is kept for the next time (Kahan, Comm. ACM 8(1), 1965). */
+static inline void add_to(Estimate *estimate, whole entry, real change)
 {
     real *to = estimate->x + entry;
 #ifdef CORE_FLOAT32
-    if (entry >= settings->states) {
-        real *rest = estimate->memory->rest + entry;
-        real all = change + *rest, sum = *to + all;
-        *rest = all - (sum - *to);
-        *to = sum;
-        return;
-    }
+    real *rest = estimate->memory->rest + entry;
+    real all = change + *rest, sum = *to + all;
+    *rest = all - (sum - *to);
+    *to = sum;
 #else
-    (void)settings;
-#endif
     *to += change;
+#endif
 }
 
 /* Measure one constant against its initial value, with variance `noise`; scratch (2 or more, width). */
@@ -353,7 +348,7 @@ static inline void recall_initial(const Settings *settings, const whole *active,
     for (whole i = 0; i < width; i++) /* zeros behind the last, as in p */
         gain[i] = p[row * width + i] * share;
     for (whole i = 0; i < n; i++)
-        add_to(settings, estimate, entry_of(settings, active, i), gain[i] * pull);
+        add_to(estimate, entry_of(settings, active, i), gain[i] * pull);
     if (settings->axes == 2)
         recall_angle(estimate->memory, settings->two_covariances == 1 ? c : p, n, width, row, gain, noise);
     rank_one(p, n, width, row, gain, noise, scratch + width);
@@ -442,7 +437,13 @@ static inline void predict_state(const Settings *settings, const whole *active, 
         slips[k][0] = memory->signals[settings->slips[k][0]][0];
     if (memory->time == 0.0 && settings->slip_count > 0)
         begin_ways(settings, x + states, x, 1, &work->flow.push);
+#ifdef CORE_FLOAT32
+    memcpy(work->flow.rest, memory->rest, sizeof memory->rest);
+#endif
     flow(settings, &interval, memory->past, x + states, x, columns, &work->flow);
+#ifdef CORE_FLOAT32
+    memcpy(memory->rest, work->flow.rest, sizeof memory->rest);
+#endif
     for (whole k = 0; k < settings->slip_count; k++)
         memory->signals[settings->slips[k][0]][0] = slips[k][0];
     for (whole i = 0; i < states; i++) {
@@ -538,7 +539,7 @@ static inline void predict(const Settings *settings, const whole *active, whole 
     }
     if (settings->two_covariances == 1) {
         propagate(c, n, width, g, states, work->rows, R(1.0));
-        add_process_noise(c, width, settings, h, x, active, count, intensity, work->jump);
+        add_process_noise(c, width, settings, h, x, active, settings->resting == 1 ? 0 : count, intensity, work->jump);
     }
     if (runs_riccati(settings, memory)) {
         propagate(p, n, width, g, states, work->rows, fading_factor(settings, memory));
@@ -554,21 +555,17 @@ static inline void add_correction(const Settings *settings, const whole *active,
         real correction = R(0.0);
         for (whole channel = 0; channel < settings->axes; channel++)
             correction += gain[2 * i + channel] * nu[channel];
-        add_to(settings, estimate, entry_of(settings, active, i), correction);
+        add_to(estimate, entry_of(settings, active, i), correction);
     }
 }
 
-/* Variances of what is measured, by the covariance `actual`, into work. */
-static inline void predict_variance(const real *actual, whole n, whole width, whole channels, Workspace *work)
+/* Variances of what is measured, of seen (2, width) = H C with the actual covariance, into work. */
+static inline void predict_variance(const real *seen, whole n, whole width, whole channels, Workspace *work)
 {
     for (whole channel = 0; channel < channels; channel++) {
-        const real *jacobian = work->jacobian + channel * n;
         real variance = work->noise[channel];
         for (whole i = 0; i < n; i++)
-            if (jacobian[i] != R(0.0))
-                for (whole j = 0; j < n; j++)
-                    if (jacobian[j] != R(0.0))
-                        variance += jacobian[i] * actual[i * width + j] * jacobian[j];
+            variance += work->jacobian[channel * n + i] * seen[channel * width + i];
         work->variance[channel] = variance;
         work->deviation[channel] = SQRT(variance);
     }
@@ -594,11 +591,11 @@ static inline void correct(const Settings *settings, const whole *active, whole 
         memory->nis += (nis - memory->nis) * ATTENTION;
         add_correction(settings, active, n, gain, nu, estimate);
     } else {
-        predict_variance(actual, n, width, channels, work);
-        if (!measured)
-            return;
         real *seen_actual = work->rows, *seen = seen_actual; /* H C, and H P */
         project(actual, n, width, jacobian, channels, seen_actual);
+        predict_variance(seen_actual, n, width, channels, work);
+        if (!measured)
+            return;
         if (riccati && actual != p) {
             seen = seen_actual + 2 * width;
             project(p, n, width, jacobian, channels, seen);

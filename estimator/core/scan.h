@@ -70,6 +70,7 @@ typedef struct {
     real *by_constants;  /* (2, constants), scratch */
     real *signature;     /* (2, count), the innovations' sensitivities */
     real *product;       /* (states, count), scratch */
+    real length;         /* of the interval that the responses are of */
     real response[SCAN_NODES + 1][4][2]; /* what a unit impulse on each axis at the nodes, and at the start, leaves */
 } Following;
 
@@ -78,6 +79,28 @@ static inline void add_scaled(real *restrict to, const real *restrict from, real
 {
     for (whole k = 0; k < count; k++)
         to[k] += w * from[k];
+}
+
+/* to (count,) += a from + b other. */
+static inline void add_both(real *restrict to, const real *restrict from, real a, const real *restrict other, real b,
+                            whole count)
+{
+    for (whole k = 0; k < count; k++)
+        to[k] += a * from[k] + b * other[k];
+}
+
+/* Four rows of `to`, so long each, += by w (4,) from one of `from` (count,). */
+static inline void add_to_four(real *restrict to, whole stride, const real *restrict from, const real *w, whole count)
+{
+    real *restrict t0 = to, *restrict t1 = to + stride, *restrict t2 = to + 2 * stride, *restrict t3 = to + 3 * stride;
+    real w0 = w[0], w1 = w[1], w2 = w[2], w3 = w[3];
+    for (whole k = 0; k < count; k++) {
+        real p = from[k];
+        t0[k] += w0 * p;
+        t1[k] += w1 * p;
+        t2[k] += w2 * p;
+        t3[k] += w3 * p;
+    }
 }
 
 static inline void clear(real *numbers, whole count)
@@ -150,8 +173,8 @@ static inline void add_forced(const Settings *settings, const Memory *memory, co
         for (whole i = 0; i < states; i++)
             state[i] = out[i * columns];
         drive_at(u, axes, terms, at, push->drive);
-        line_values(settings, memory->time + (at - R(1.0)) * h, push->signals);
-        directions(settings, state, push->signals);
+        line_values(settings, settings->signal_count, memory->time + (at - R(1.0)) * h, push->signals);
+        directions(settings, settings->signal_count, state, push->signals);
         clear(follow->by_constants, 2 * follow->constants);
         for (whole e = settings->effect_count; e < settings->effect_count + settings->candidate_count; e++)
             effect_force(settings->effects[e][0], settings->model, c, state, push->drive, push->signals,
@@ -159,11 +182,17 @@ static inline void add_forced(const Settings *settings, const Memory *memory, co
                          follow->by_constants, follow->constants);
         if (settings->watched_drive_delay >= 0)
             add_slope(settings, u, terms, at, h, mutable);
-        for (whole axis = 0; axis < axes; axis++)
+        for (whole axis = 0; axis < axes; axis++) {
+            const real *pushed = follow->by_constants + axis * follow->constants + follow->origin;
+            real w[4], *to = follow->delta + follow->known;
             for (whole i = 0; i < states; i++)
-                add_scaled(follow->delta + i * follow->count + follow->known,
-                           follow->by_constants + axis * follow->constants + follow->origin,
-                           SCAN_WEIGHT[node] * h * follow->response[node][i][axis], follow->watched);
+                w[i] = SCAN_WEIGHT[node] * h * follow->response[node][i][axis];
+            if (states == 4)
+                add_to_four(to, follow->count, pushed, w, follow->watched);
+            else
+                for (whole i = 0; i < states; i++)
+                    add_scaled(to + i * follow->count, pushed, w[i], follow->watched);
+        }
     }
     if (settings->watched_drive_delay >= 0)
         add_jump(settings, memory, u, terms, mutable);
@@ -223,12 +252,19 @@ static inline void multiply_rows(const real *g, whole states, const Following *f
     whole count = follow->count;
     real *product = follow->product;
     clear(product, states * count);
-    for (whole i = 0; i < states; i++)
-        for (whole j = 0; j < follow->rows; j++) {
-            real w = g[j * states + i];
-            if (w != R(0.0)) /* the sense offsets move nothing */
-                add_scaled(product + i * count, follow->delta + j * count, w, count);
-        }
+    for (whole j = 0; j < follow->rows; j++) {
+        const real *w = g + j * states, *from = follow->delta + j * count;
+        int moves = 0;
+        for (whole i = 0; i < states; i++)
+            moves |= w[i] != R(0.0);
+        if (!moves) /* the sense offsets move nothing */
+            continue;
+        if (states == 4)
+            add_to_four(product, count, from, w, count);
+        else
+            for (whole i = 0; i < states; i++)
+                add_scaled(product + i * count, from, w[i], count);
+    }
     for (whole k = 0; k < states * count; k++)
         follow->delta[k] = product[k];
 }
@@ -322,16 +358,16 @@ static inline int show(const Settings *settings, const Sample *sample, const Wor
     return usable;
 }
 
-/* The rows of the equations of sample m, whitened: over the deviations of the innovations, the second less what the first
+/* A sample's rows of the equations, whitened: over the deviations of the innovations, the second less what the first
    says of it.  Behind the innovation, where there is room, the logarithm of the deviation. */
-static inline void write_equations(const Settings *settings, const Memory *memory, const Scan *scan, whole m,
+static inline void write_equations(const Settings *settings, const Memory *memory, const Scan *scan, real *equations,
                                    const Workspace *work, const Following *follow)
 {
     whole count = scan->count;
     real root = SQRT(memory->nis > scan->level ? scan->level / memory->nis : R(1.0)), *first = NULL;
     for (whole axis = 0; axis < settings->axes; axis++) {
         real weight = root / work->deviation[axis];
-        real *row = scan->equations + (settings->axes * m + axis) * scan->width;
+        real *row = equations + axis * scan->width;
         for (whole k = 0; k < count; k++)
             row[k] = weight * follow->signature[axis * count + k];
         row[count] = weight * work->innovation[axis];
@@ -356,6 +392,7 @@ static inline Following following(const Arrays *observer, const Scan *scan)
     whole watched = count - scan->known;
     real *scratch = scan->scratch;
     Following follow = {.count = count, .constants = constants, .origin = constants - watched, .rate_row = -1};
+    follow.length = R(-1.0);
     follow.known = scan->known;
     follow.watched = watched;
     follow.index = scan->constants;
@@ -371,9 +408,10 @@ static inline Following following(const Arrays *observer, const Scan *scan)
     return follow;
 }
 
-/* Sample m: observe it as `observe_block` does, and follow what is watched. */
-static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m, Estimate *estimate, Workspace *work,
-                               const Following *follow)
+/* Sample m: observe it as `observe_block` does, and follow what is watched; row receives what the observer makes of it,
+   equations its rows. */
+static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m, Output *row, real *equations,
+                               Estimate *estimate, Workspace *work, Following *follow)
 {
     const Settings *settings = observer->settings;
     Memory *memory = observer->memory;
@@ -386,6 +424,12 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
     real *x = estimate->x, before[4], foreseen[4];
     int turning = axes == 2 && memory->started == 1 && scan->turning == 1;
     real rotation = memory->rotation, rate = memory->rate;
+    if (scan->warm)
+        memory->temperature = scan->temperature[m];
+    if (follow->watched > 0 && sample.h != follow->length)
+        responses(settings, x + states, follow->length = sample.h, &work->flow, follow);
+    if (axes == 2)
+        note_applied(settings, memory, sample.u, sample.terms);
     for (whole i = 0; i < states; i++)
         before[i] = x[i];
     predict(settings, observer->active, active, constants.intensity, estimate, sample.u, sample.terms, sample.h, work);
@@ -403,12 +447,11 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
     memory->time += sample.h;
     remember_drive(settings, memory, sample.u, sample.terms);
     for (whole axis = 0; axis < axes; axis++) {
-        scan->rows[m].nu[axis] = work->innovation[axis];
-        scan->rows[m].s[axis] = work->variance[axis];
+        row->nu[axis] = work->innovation[axis];
+        row->s[axis] = work->variance[axis];
     }
     know_sensed(settings, follow, work);
     if (follow->watched > 0) {
-        signal_values(settings, memory, memory->time, work->flow.push.signals);
         add_forced(settings, memory, before, x + states, &sample, follow, work);
     }
     int usable = show(settings, &sample, work, follow);
@@ -417,16 +460,20 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
     if (turning && settings->open_loop == 0) /* else the angle is the integrated rate */
         add_turn(settings, foreseen, rotation, rate, R(1.0), follow);
     if (usable > 0) {
-        for (whole j = 0; j < follow->rows; j++)
-            for (whole axis = 0; axis < axes; axis++)
-                add_scaled(follow->delta + j * count, follow->signature + axis * count, work->gain[2 * j + axis], count);
+        for (whole j = 0; j < follow->rows; j++) {
+            const real *gain = work->gain + 2 * j, *seen = follow->signature;
+            if (axes == 2)
+                add_both(follow->delta + j * count, seen, gain[0], seen + count, gain[1], count);
+            else
+                add_scaled(follow->delta + j * count, seen, gain[0], count);
+        }
         if (scan->weighed)
-            write_equations(settings, memory, scan, m, work, follow);
+            write_equations(settings, memory, scan, equations, work, follow);
         if (settings->fade > R(1.0) && runs_riccati(settings, memory))
             recall(settings, observer, &constants, estimate, work->projected, follow);
     }
     if (axes == 2)
-        read_angle(settings, memory, x, sample.h, &scan->rows[m]);
+        read_angle(settings, memory, x, sample.h, row);
     if (turning && settings->open_loop == 0)
         add_turn(settings, x, memory->rotation, memory->rate, R(-1.0), follow);
 }
@@ -436,23 +483,14 @@ static inline void scan_block(Estimator *estimator, const Scan *scan)
 {
     const Arrays *observer = &estimator->arrays;
     const Settings *settings = observer->settings;
-    Memory *memory = observer->memory;
     Workspace *work = &estimator->work;
     whole axes = settings->axes, n = observer->n, written = 0;
-    real length = R(-1.0);
     Following follow = following(observer, scan);
     Estimate estimate = widened(estimator);
     workspace_begin(work, settings, n, observer->total - follow.watched);
     for (whole m = 0; m < scan->n; m++) {
-        if (scan->warm)
-            memory->temperature = scan->temperature[m];
-        if (scan->h[m] != length) {
-            length = scan->h[m];
-            responses(settings, observer->x + settings->states, length, &work->flow, &follow);
-        }
-        if (axes == 2)
-            note_applied(settings, memory, scan->u + m * axes * scan->terms, scan->terms);
-        scan_sample(observer, scan, m, &estimate, work, &follow);
+        real *equations = scan->weighed ? scan->equations + axes * m * scan->width : NULL;
+        scan_sample(observer, scan, m, scan->rows + m, equations, &estimate, work, &follow);
         if ((m + 1) * scan->instants >= (written + 1) * scan->n) {
             for (whole k = 0; k < scan->count; k++)
                 scan->course[written * scan->count + k] = scan->turned[k] / settings->angular_gain;

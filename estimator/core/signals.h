@@ -33,10 +33,10 @@ static inline real turned(double phase)
 #endif
 }
 
-/* Write the signals that are functions of time into w (signals,). */
-static inline void line_values(const Settings *settings, double time, real *w)
+/* Write those of the first `count` signals that are functions of time into w (signals,). */
+static inline void line_values(const Settings *settings, whole count, double time, real *w)
 {
-    for (whole i = 0; i < settings->signal_count; i++) {
+    for (whole i = 0; i < count; i++) {
         const real *parameters = settings->signal_parameters[i];
         switch (settings->signals[i][0]) {
         case COSINE:
@@ -63,11 +63,11 @@ static inline int turns_over(const Settings *settings, whole i)
     return settings->signals[i][0] == DIRECTION && settings->signals[i][1] < settings->axes;
 }
 
-/* Write the directions of motion of state s, smooth through rest, into w (2 MAX_SIGNALS,), and into its second half
+/* Write the directions of motion of state s, smooth through rest, of the first `count` signals into w (2 MAX_SIGNALS,), and into its second half
    their derivatives by the velocity. */
-static inline void directions(const Settings *settings, const real *s, real *w)
+static inline void directions(const Settings *settings, whole count, const real *s, real *w)
 {
-    for (whole i = 0; i < settings->signal_count; i++) {
+    for (whole i = 0; i < count; i++) {
         if (!turns_over(settings, i))
             continue;
         real rest = settings->signal_parameters[i][0];
@@ -88,7 +88,7 @@ static inline void signal_values(const Settings *settings, const Memory *memory,
         else
             w[i] = memory->signals[i][0];
     }
-    line_values(settings, time, w);
+    line_values(settings, settings->signal_count, time, w);
 }
 
 /* What a first-order lag makes of the drive u (terms,) of an axis over one interval, exactly; share: its time constant

@@ -93,7 +93,7 @@ static inline void free_run(const Settings *settings, const FreeRun *run, FlowWo
         for (whole i = 0; i < states; i++)
             s[i] = work->out[i * columns];
         drive_at(run->u + m * axes * run->terms, axes, run->terms, R(1.0), push->drive);
-        line_values(settings, time, push->signals);
+        line_values(settings, settings->signal_count, time, push->signals);
         sensed_at(settings, c, s, push, total, predicted, run->full);
         for (whole axis = 0; axis < axes; axis++) {
             run->sensed[m * axes + axis] = predicted[axis];

@@ -84,6 +84,9 @@ typedef struct {
     real powers[(MOST_TERMS + 1) * 16];
     real drifts[LENGTHS * OF_A_LENGTH];
     real entries[4 * 8];
+#ifdef CORE_FLOAT32
+    real rest[MAX_ENTRIES]; /* of the state in out's first column, and of the constants: as in Memory */
+#endif
 } FlowWork;
 
 /* Scratch of one observer of n states and active constants, `total` with all constants.

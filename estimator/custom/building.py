@@ -10,7 +10,7 @@ from estimator.custom.grammar import Node, names_in
 from estimator.custom.law import DIRECTIONS, REST, expression, signals_in
 from estimator.custom.names import QUANTITIES
 from estimator.custom.unit import VOLT, Unit, unit_of
-from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
+from estimator.effects.declaration import Coefficient, Compensation, Effect, Parameter, Signal, Source
 from estimator.errors import ModelError
 from estimator.model.catalogue import MODELS
 from estimator.model.gyro import ux, uy
@@ -52,7 +52,7 @@ def built(declared: Declaration, scaling: Scaling, axes: int) -> Effect:
         ),
         source=declared.source,
         signature=declared.signature,
-        undone=Undone.INVERT if driven else Undone.CANCEL if any(force) else Undone.MAP,
+        compensation=Compensation.INVERT if driven else Compensation.CANCEL if any(force) else Compensation.MAP,
         force=(force[0], force[1]),
         sense=(sense[0], sense[1] if axes == 2 else sp.Integer(0)),
         parameters=rest

@@ -72,6 +72,8 @@ class Declaration:
     title: str = ""
     source: str = UNNAMED
     signature: str = "what its law says"
+    known: bool = False
+    """Nothing of it is estimated: it has parameters only."""
 
     def __post_init__(self) -> None:
         if not NAME.fullmatch(self.name) or self.name == "custom":
@@ -141,7 +143,7 @@ class Declaration:
         return units
 
     def _require_numbers(self) -> None:
-        if not self.coefficients:
+        if not self.coefficients and not self.known:
             raise ModelError("coefficients: missing; an effect has at least one, as coefficients.k5.unit")
         for table in ("coefficients", "parameters"):
             names = getattr(self, table)

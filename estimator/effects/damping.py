@@ -1,11 +1,11 @@
 """Damping that is not proportional to the velocity."""
 
-from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
-from estimator.effects.search import EVEN, ODD, Kin, Search, Sign
+from estimator.effects.declaration import Coefficient, Compensation, Effect, Parameter, Signal, Source
+from estimator.effects.search import Search
 from estimator.model.formula import exp, sqrt, symbols, tanh
 from estimator.model.symbols import vx, vy, x, y
 
-d3x, d3y, d3, fx, fy, fax, fay = symbols("d3x d3y d3 fx fy fax fay")
+d3x, d3y, fx, fy, fax, fay = symbols("d3x d3y fx fy fax fay")
 dax, day, dqx, dqy, dcx, dcy = symbols("dax day dqx dqy dcx dcy")
 SMOOTHING = 0.01  # of A ω0: below this velocity asymmetric damping turns over smoothly
 directionx, directiony, v0 = symbols("directionx directiony v0")
@@ -25,10 +25,8 @@ NONLINEAR_DAMPING = Effect(
     force=(-d3x * x**2 * vx, -d3y * y**2 * vy),
     source="Van der Pol term; squeeze film at large displacement; Nayfeh & Mook 1979",
     signature="ring-down that is not exponential, fast at first",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"dry_friction": "steps of amplitude"},
-    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4),
-    kin=Kin.DAMPING,
 )
 
 DRY_FRICTION = Effect(
@@ -44,11 +42,9 @@ DRY_FRICTION = Effect(
     force=(-fx * directionx, -fy * directiony),
     source="Coulomb's law, direction = tanh(v/v0); Nayfeh & Mook 1979",
     signature="ring-down that is linear in time and ends",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"nonlinear_damping": "steps of amplitude"},
-    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
     search=Search.SPEEDS,
-    kin=Kin.DAMPING,
 )
 
 DAMPING_ASYMMETRIC = Effect(
@@ -60,10 +56,8 @@ DAMPING_ASYMMETRIC = Effect(
     shown=("ẍ += -dax*vx*tanh(100*vx/(A*omega0))", "ÿ += -day*vy*tanh(100*vy/(A*omega0))"),
     source="half the difference of viscous friction there and back, as of ball screws; Janot, Gautier & Brunot 2019",
     signature="a shift while it moves, in proportion to the speed",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"quadratic_stiffness": "moves at other frequencies"},
-    signs=EVEN,
-    kin=Kin.EVEN,
 )
 
 DRAG = Effect(
@@ -75,10 +69,8 @@ DRAG = Effect(
     shown=("ẍ += -dqx*vx**2*tanh(100*vx/(A*omega0))", "ÿ += -dqy*vy**2*tanh(100*vy/(A*omega0))"),
     source="turbulent drag, ½ ρ c A v²; Nayfeh & Mook 1979, ch. 3",
     signature="ring-down faster than exponential at first",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"cubic_damping": "steps of amplitude"},
-    signs=ODD,
-    kin=Kin.DAMPING,
 )
 
 CUBIC_DAMPING = Effect(
@@ -89,10 +81,8 @@ CUBIC_DAMPING = Effect(
     force=(-dcx * vx**3, -dcy * vy**3),
     source="Rayleigh's damping term; Nayfeh & Mook 1979, ch. 3",
     signature="ring-down faster than exponential at first",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"nonlinear_damping": "forces off the resonance", "drag": "steps of amplitude"},
-    signs=ODD,
-    kin=Kin.DAMPING,
 )
 
 DRY_FRICTION_ASYMMETRIC = Effect(
@@ -105,11 +95,9 @@ DRY_FRICTION_ASYMMETRIC = Effect(
     force=(-fax * directionx**2, -fay * directiony**2),
     source="half the difference of Coulomb friction there and back; Janot, Gautier & Brunot 2019",
     signature="a shift while it moves, none at rest",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"constant_force": "standing still"},
-    signs=EVEN,
     search=Search.SPEEDS,
-    kin=Kin.EVEN,
 )
 
 STRIBECK_FRICTION = Effect(
@@ -127,9 +115,8 @@ STRIBECK_FRICTION = Effect(
     source="what static friction has beside Coulomb's, f exp(−(v/vs)²); Stribeck 1902; Armstrong-Hélouvry, Dupont & "
     "Canudas de Wit, Automatica 30(7), 1994",
     signature="more force at creeping speed than at full",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"dry_friction": "steps of speed"},
-    signs=ODD,
 )
 
 NONLINEAR_DAMPING_RADIAL = Effect(
@@ -142,10 +129,8 @@ NONLINEAR_DAMPING_RADIAL = Effect(
     force=(-d3r * _RADIUS2 * vx, -d3r * _RADIUS2 * vy),
     source="Van der Pol term in the plane, r² v: squeeze film under a mass that both axes move",
     signature="ring-down that is not exponential, as fast on a line as on a circle",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"nonlinear_damping": "orbits of different shape"},
-    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
-    kin=Kin.DAMPING,
 )
 
 DRAG_RADIAL = Effect(
@@ -162,10 +147,8 @@ DRAG_RADIAL = Effect(
     ),
     source="turbulent drag of a body that moves in the plane, ½ ρ c A |v| v; Nayfeh & Mook 1979, ch. 3",
     signature="ring-down faster than exponential at first",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"drag": "orbits of different shape", "cubic_damping_radial": "steps of amplitude"},
-    signs=ODD,
-    kin=Kin.DAMPING,
 )
 
 CUBIC_DAMPING_RADIAL = Effect(
@@ -178,10 +161,8 @@ CUBIC_DAMPING_RADIAL = Effect(
     force=(-dcr * _SPEED2 * vx, -dcr * _SPEED2 * vy),
     source="Rayleigh's damping term in the plane, |v|² v; Nayfeh & Mook 1979, ch. 3",
     signature="ring-down faster than exponential at first",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"nonlinear_damping_radial": "forces off the resonance", "cubic_damping": "orbits of different shape"},
-    signs=ODD,
-    kin=Kin.DAMPING,
 )
 
 DRY_FRICTION_RADIAL = Effect(
@@ -196,9 +177,7 @@ DRY_FRICTION_RADIAL = Effect(
     force=(-fr * vx / sqrt(_SPEED2 + v0**2), -fr * vy / sqrt(_SPEED2 + v0**2)),
     source="Coulomb's law of a body that slides in the plane, v/|v|, |v| taken as √(v² + v0²)",
     signature="ring-down that is linear in time and ends, on a circle as on a line",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"dry_friction": "orbits of different shape"},
-    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
     search=Search.SPEEDS,
-    kin=Kin.DAMPING,
 )

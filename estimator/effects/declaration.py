@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from estimator.effects.search import Kin, Search, Sign
+from estimator.effects.search import Search
 from estimator.model.formula import as_declared, in_sympy, is_nothing, names_in, symbol, symbolic, without
 
 if TYPE_CHECKING:
@@ -24,14 +24,14 @@ OWN = -1
 """In place of the number of an effect that is not of the catalogue: `estimator.core.own` has its code."""
 
 
-class Undone(Enum):
+class Compensation(Enum):
     """How an effect is kept out of the angle once its coefficients are known."""
 
     CANCEL = "the control law subtracts its force"
     INVERT = "the control law divides by it"
     PREDICT = "the control law predicts that much further ahead"
     MAP = "the observer's state has it taken out of the measurement"
-    NOT = "not yet: a loop that declares it is refused"
+    NONE = "not yet: a loop that declares it is refused"
 
 
 class Source(Enum):
@@ -116,9 +116,7 @@ class Coefficient:
     the standard deviation with which it enters an observer; positive: a negative value would be no such effect
     (friction that drives); start: in scaled units, where an observer begins that is not told;
     least: in scaled units, no fit goes below that; own: of where a record begins, so that each record has its own;
-    wanes: what it adds dies away, so that a longer record tells no more of it;
-    tried: in scaled units, where a trace begins beside `start` if a fit from there comes to nothing, as where the
-    measurement is far from linear in it.
+    bent: whether the measurement is far from linear in it, so that a derivative at zero does not tell its size.
     """
 
     symbol: "sp.Symbol"
@@ -132,8 +130,7 @@ class Coefficient:
     start: float = 0.0
     least: float = -math.inf
     own: bool = False
-    wanes: bool = False
-    tried: tuple[float, ...] = ()
+    bent: bool = False
 
     @property
     def is_shape(self) -> bool:
@@ -156,15 +153,13 @@ class Effect:
     a single axis senses, whose base model has other constants, where `sense` depends on those of two axes.  `shown` are
     its equations, a line an axis, where the expressions are only their solution.
 
-    The rest is how a trace looks for it: `signs` of a residual that point at it, the most telling first; `search`,
-    where its parameters come from; `kin`, who a scan cannot tell from it; `simpler`, the effect that it is where its
-    threshold is passed by every drive or by none, or its corner is far away; `gain`, whether its coefficients are
+    The rest is how a trace looks for it: `search`, where its parameters come from; `gain`, whether its coefficients are
     relative to a declared gain, which has the other sign where they are below −1; `plane`, whether it is the radial
-    form of another effect, which is all that a single axis has of it; `rare`, whether it is no law of an envelope and
-    no finding of a residual points at it.  `number` is its place in the catalogue, by which the core knows it.
+    form of another effect, which is all that a single axis has of it; `rare`, whether it is no law of an envelope.
+    `number` is its place in the catalogue, by which the core knows it.
 
     An effect without coefficients is `declared_only`: what it does no record can tell from something else, so it is
-    never a candidate of a search, and whoever measured it otherwise gives its parameters.
+    never a candidate of a search, and a user who measured it otherwise gives its parameters.
     """
 
     name: str
@@ -172,7 +167,7 @@ class Effect:
     coefficients: tuple[Coefficient, ...]
     source: str
     signature: str
-    undone: Undone
+    compensation: Compensation
     force: "tuple[sp.Expr, sp.Expr]" = (0, 0)
     sense: "tuple[sp.Expr, sp.Expr]" = (0, 0)
     look_alikes: Mapping[str, str] = field(default_factory=dict)
@@ -182,10 +177,7 @@ class Effect:
     alone: "sp.Expr | None" = None
     shown: tuple[str, ...] = ()
     number: int = OWN
-    signs: tuple[Sign, ...] = ()
     search: Search | None = None
-    kin: Kin | None = None
-    simpler: str = ""
     gain: bool = False
     plane: bool = False
     rare: bool = False

@@ -1,7 +1,6 @@
 """A path that is late.  Exact: the flow carries state and drive over the delay."""
 
-from estimator.effects.declaration import Coefficient, Delayed, Effect, Undone
-from estimator.effects.search import LINEAR, Sign
+from estimator.effects.declaration import Coefficient, Compensation, Delayed, Effect
 from estimator.model.formula import symbols
 
 tsx, tsy, tux, tuy = symbols("tsx tsy tux tuy")
@@ -14,9 +13,8 @@ SENSE_DELAY = Effect(
     delayed=Delayed.SENSE,
     source="V(t) = S x(t − τ): demodulator and filter delay; Actuators 2025, 14, 275",
     signature="false quadrature τ ω sin 2θ where the axes differ",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"drive_delay": "a varying rate"},
-    signs=(*LINEAR, Sign.SIN_2, Sign.RATE),
 )
 
 DRIVE_DELAY = Effect(
@@ -27,7 +25,6 @@ DRIVE_DELAY = Effect(
     delayed=Delayed.DRIVE,
     source="u(t − τ): drive chain and transport delay; Actuators 2025, 14, 275",
     signature="a damping that is not there, in proportion to the force",
-    undone=Undone.PREDICT,
+    compensation=Compensation.PREDICT,
     look_alikes={"damping": "steps of the target stiffness"},
-    signs=(*LINEAR, Sign.SIN_2, Sign.RATE, Sign.DRIVE),
 )

@@ -1,7 +1,7 @@
 """A drive chain that pushes otherwise than commanded.  As forces: what is applied beyond the command."""
 
-from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
-from estimator.effects.search import EVEN, LINEAR, ODD, Search, Sign
+from estimator.effects.declaration import Coefficient, Compensation, Effect, Parameter, Signal, Source
+from estimator.effects.search import Search
 from estimator.model.formula import clipped, symbols
 from estimator.model.symbols import ux, uy
 
@@ -15,9 +15,8 @@ DRIVE_GAIN = Effect(
     force=(hx * ux, hy * uy),
     source="u → G u; IEEE Std 1431",
     signature="scales with the drive only",
-    undone=Undone.INVERT,
+    compensation=Compensation.INVERT,
     look_alikes={"stiffness and damping": "steps of the target stiffness"},
-    signs=(*LINEAR, Sign.SIN_2, Sign.DRIVE),
     gain=True,
 )
 
@@ -29,8 +28,7 @@ DRIVE_MISALIGNMENT = Effect(
     force=(mx * uy, my * ux),
     source="forcer misalignment; IEEE Std 1431",
     signature="scales with the other axis' drive",
-    undone=Undone.INVERT,
-    signs=(*LINEAR, Sign.COS_2, Sign.DRIVE),
+    compensation=Compensation.INVERT,
 )
 
 ELECTROSTATIC_DRIVE = Effect(
@@ -41,8 +39,7 @@ ELECTROSTATIC_DRIVE = Effect(
     force=(qx * ux**2, qy * uy**2),
     source="(V + v)² of an electrostatic forcer; Senturia 2001, ch. 6",
     signature="even harmonics of the drive",
-    undone=Undone.INVERT,
-    signs=EVEN,
+    compensation=Compensation.INVERT,
 )
 
 DRIVE_SATURATION = Effect(
@@ -58,10 +55,8 @@ DRIVE_SATURATION = Effect(
     ),
     source="u → clip(u), share s of what goes over the limit is lost",
     signature="a threshold in the drive, odd harmonics",
-    undone=Undone.INVERT,
-    signs=ODD,
+    compensation=Compensation.INVERT,
     search=Search.LIMITS,
-    simpler="drive_gain",
 )
 
 DRIVE_DEAD_BAND = Effect(
@@ -74,8 +69,6 @@ DRIVE_DEAD_BAND = Effect(
     force=(-zx * clipped(ux, band), -zy * clipped(uy, band)),
     source="u → u − clip(u) at the band, share z of it",
     signature="a threshold in the drive, odd harmonics",
-    undone=Undone.INVERT,
-    signs=ODD,
+    compensation=Compensation.INVERT,
     search=Search.BANDS,
-    simpler="drive_gain",
 )

@@ -21,7 +21,7 @@ the frame, too.  A Coriolis force in proportion to each axis' own mass would do 
 None of them has a coefficient: nothing in a record could estimate it.
 """
 
-from estimator.effects.declaration import Effect, Parameter, Signal, Source, Undone
+from estimator.effects.declaration import Compensation, Effect, Parameter, Signal, Source
 from estimator.model.formula import symbols
 from estimator.model.symbols import dxx, dxy, dyy, kxx, kxy, kyy, rate, ux, uy, vx, vy, x, y
 
@@ -50,7 +50,7 @@ CLOCK_RATE = Effect(
     ),
     source="(2) with t = (1 + δ) t′, t′ the board's; the rate stays per second of the board: an angle has no unit",
     signature="none: a drive gain of both axes, (1 + δ)² − 1, with other stiffness and damping",
-    undone=Undone.INVERT,
+    compensation=Compensation.INVERT,
     look_alikes={"drive_gain": "a reference clock"},
 )
 
@@ -67,7 +67,7 @@ UNEQUAL_MASSES = Effect(
     ),
     source="M ẍ = u − D ẋ − K x + 2 Ω C ẋ, M = diag(1, 1 + m): the Coriolis force is that of the mass both axes share",
     signature="none: drive gain and sense gain of y by (1 + m)^(−1/2), with another kxy and rate",
-    undone=Undone.INVERT,
+    compensation=Compensation.INVERT,
     look_alikes={"sense_gain": "tilts of each axis by the same angle", "drive_gain": "a varying rate"},
 )
 
@@ -81,7 +81,7 @@ DRIVE_POLARITY = Effect(
     force=(-2 * px * ux, -2 * py * uy),
     source="u → −u of an axis with 1; the bench file has no sign of one axis' drive",
     signature="none: the polarity of its sense, with kxy, dxy and the rate of the other sign",
-    undone=Undone.INVERT,
+    compensation=Compensation.INVERT,
     look_alikes={"sense_polarity": "tilting that axis: gravity tells the sign of its sense"},
 )
 
@@ -95,6 +95,6 @@ SENSE_POLARITY = Effect(
     sense=(-2 * px * x, -2 * py * y),
     source="x → −x of an axis with 1; the other sign of [device.sense] gain_V_per_m of that axis does the same",
     signature="none: the polarity of its drive, with kxy, dxy and the rate of the other sign",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"drive_polarity": "tilting that axis: gravity tells the sign of its sense"},
 )

@@ -1,7 +1,7 @@
 """A sinusoid that is not the gyro's: on the sense side, or as a force.  Its frequency is found, not given."""
 
-from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
-from estimator.effects.search import Search, Sign
+from estimator.effects.declaration import Coefficient, Compensation, Effect, Parameter, Signal, Source
+from estimator.effects.search import Search
 from estimator.model.formula import symbols
 
 omega, cosine, sine = symbols("omega cosine sine")
@@ -20,9 +20,8 @@ INTERFERENCE = Effect(
     sense=(lcx * cosine + lsx * sine, lcy * cosine + lsy * sine),
     source="coupled-in line, V + a sin(ωt + ψ)",
     signature="one line, unrelated to the drive",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"base_vibration": "nothing, where both axes see it"},
-    signs=(Sign.LINE_ELSEWHERE,),
     search=Search.LINES,
 )
 
@@ -36,8 +35,7 @@ BASE_VIBRATION = Effect(
     force=(bcx * cosine + bsx * sine, bcy * cosine + bsy * sine),
     source="inertial force of a vibrating package; IEEE Std 1431",
     signature="one line, unrelated to the drive",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"interference": "nothing, where both axes see it"},
-    signs=(Sign.LINE_ELSEWHERE,),
     search=Search.LINES,
 )

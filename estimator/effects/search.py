@@ -1,35 +1,6 @@
 """How a trace looks for an effect, as its declaration says it."""
 
-from enum import Enum, StrEnum
-
-
-class Sign(StrEnum):
-    """What a residual may show (`estimator.residual`), and with it which effects are suspected.  Lines are named by
-    their order: multiples of the resonance.
-    """
-
-    LINE_0 = "line at 0"
-    LINE_1 = "line at 1"
-    LINE_2 = "line at 2"
-    LINE_3 = "line at 3"
-    LINE_4 = "line at 4"
-    LINE_5 = "line at 5"
-    LINE_ELSEWHERE = "line elsewhere"
-    ALWAYS = "always"
-    AMPLITUDE = "amplitude"
-    SIN_2 = "sin 2θ"
-    COS_2 = "cos 2θ"
-    SIN_4 = "sin 4θ"
-    COS_4 = "cos 4θ"
-    RATE = "rate"
-    DRIVE = "drive"
-    TEMPERATURE = "temperature"
-    FLOOR = "floor"
-
-
-EVEN = (Sign.LINE_0, Sign.LINE_2, Sign.LINE_4)
-ODD = (Sign.LINE_3, Sign.LINE_5)
-LINEAR = (Sign.LINE_1, Sign.ALWAYS)
+from enum import Enum
 
 
 class Search(Enum):
@@ -37,7 +8,8 @@ class Search(Enum):
     shares, its thresholds say (`estimator.thresholds`).
     """
 
-    CORNERS = "shares of the resonance, the same in every parameter"
+    CORNERS = "from one over the record's length to the resonance, the same in every parameter"
+    LAGS = "from a sample to a cycle: at half a lag, the derivative by it tells what the whole of it does"
     SPEEDS = "shares of the largest velocity at the declared amplitude"
     LINES = "the strongest lines of the residual"
     LIMITS = "shares of the largest drive"
@@ -45,11 +17,3 @@ class Search(Enum):
     LEVELS = "shares of the largest displacement that is sensed"
     RINGS = "the lines that a free run leaves: the first two coefficients, a frequency and how fast it dies away"
     MODES = "where the residual follows the drive: a frequency, and the damping ratio seen there"
-
-
-class Kin(Enum):
-    """Effects that a scan cannot choose between: who is akin to the best is tried beside it."""
-
-    DAMPING = "laws of a damping that depends on the amplitude and not on the direction"
-    STIFFNESS = "laws of a spring whose stiffness depends on the amplitude"
-    EVEN = "laws of even order, of which a vibration shows a shift and its second harmonic"

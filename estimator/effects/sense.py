@@ -2,8 +2,8 @@
 
 from typing import Any
 
-from estimator.effects.declaration import Coefficient, Effect, Parameter, Signal, Source, Undone
-from estimator.effects.search import EVEN, LINEAR, ODD, Kin, Search, Sign
+from estimator.effects.declaration import Coefficient, Compensation, Effect, Parameter, Signal, Source
+from estimator.effects.search import Search
 from estimator.model.formula import clipped, cos, exp, sin, symbols
 from estimator.model.symbols import (
     b,
@@ -76,9 +76,8 @@ SENSE_GAIN = Effect(
     sense=(0, gy * y),
     source="Actuators 2025, 14, 275: detection-gain asymmetry",
     signature="error ½ g sin 2θ in the angle itself",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"damping mismatch": "its error grows with time"},
-    signs=(*LINEAR, Sign.SIN_2),
     gain=True,
 )
 
@@ -90,8 +89,7 @@ SENSE_CROSS_COUPLING = Effect(
     sense=(ex * y, ey * x),
     source="electrode misalignment; IEEE Std 1431",
     signature="error ½ ε (1 + cos 2θ) in the angle",
-    undone=Undone.MAP,
-    signs=(*LINEAR, Sign.COS_2),
+    compensation=Compensation.MAP,
 )
 
 SENSE_QUADRATIC = Effect(
@@ -102,10 +100,8 @@ SENSE_QUADRATIC = Effect(
     sense=(a2x * x**2, a2y * y**2),
     source="parallel-plate capacitance to second order",
     signature="a shift and a line at 2ω that do not move with the drive",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"quadratic_stiffness": "amplitude steps"},
-    signs=EVEN,
-    kin=Kin.EVEN,
 )
 
 SENSE_CUBIC = Effect(
@@ -116,9 +112,8 @@ SENSE_CUBIC = Effect(
     sense=(a3x * x**3, a3y * y**3),
     source="comb or parallel-plate capacitance to third order",
     signature="a line at 3ω without a pull of the frequency",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"cubic_stiffness": "pulls the frequency with the amplitude"},
-    signs=(*ODD, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4),
 )
 
 DRIVE_FEEDTHROUGH = Effect(
@@ -129,9 +124,8 @@ DRIVE_FEEDTHROUGH = Effect(
     sense=(fdx * ux, fdy * uy),
     source="parasitic capacitance between drive and sense combs",
     signature="innovation follows the drive without delay",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"drive_gain": "dither off the resonance"},
-    signs=(Sign.DRIVE, Sign.FLOOR),
 )
 
 SENSE_LOW_PASS = Effect(
@@ -139,10 +133,10 @@ SENSE_LOW_PASS = Effect(
     number=20,
     title="A low-pass pole in the sense path",
     coefficients=(
-        Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True, tried=(0.3,)),
-        Coefficient(tly, "tly", 0.1, 0, 1, positive=True, tried=(0.3,)),
-        Coefficient(olx, "olx", 1.0, 1, wanes=True),
-        Coefficient(oly, "oly", 1.0, 1, wanes=True),
+        Coefficient(tlx, "tlx", 0.1, 0, 1, positive=True, bent=True),
+        Coefficient(tly, "tly", 0.1, 0, 1, positive=True, bent=True),
+        Coefficient(olx, "olx", 1.0, 1),
+        Coefficient(oly, "oly", 1.0, 1),
     ),
     signals=(
         Signal(ux_behind_x, Source.LAG, 0, tlx),
@@ -163,10 +157,9 @@ SENSE_LOW_PASS = Effect(
     alone=-tlx * (vx + tlx * x) / (1 + tlx**2),
     source="1/(1 + sT) of the motion that the base model has, from a start of its own; on a single axis at s² = −ω0²",
     signature="a delay T and a gain 1 − (ωT)²/2",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"sense_delay": "nothing, far above the resonance"},
-    simpler="sense_delay",
-    signs=LINEAR,
+    search=Search.LAGS,
 )
 
 SENSE_HIGH_PASS = Effect(
@@ -176,8 +169,8 @@ SENSE_HIGH_PASS = Effect(
     coefficients=(
         Coefficient(hpx, "hpx", 0.05, 0, -1, positive=True),
         Coefficient(hpy, "hpy", 0.05, 0, -1, positive=True),
-        Coefficient(odx, "odx", 0.1, 1, wanes=True),
-        Coefficient(ody, "ody", 0.1, 1, wanes=True),
+        Coefficient(odx, "odx", 0.1, 1),
+        Coefficient(ody, "ody", 0.1, 1),
     ),
     parameters=(
         Parameter(leak_x, "leak_x", 0, -1, found_as=hpx),
@@ -205,9 +198,8 @@ SENSE_HIGH_PASS = Effect(
     source="charge amplifier with feedback resistor, sRC/(1 + sRC), of the motion that the base model has; what it and "
     "its mismatch show at first wanes",
     signature="phase lead atan(1/ωRC), constants blocked",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"sense_delay": "a slow motion"},
-    signs=(Sign.LINE_0,),
     search=Search.CORNERS,
 )
 
@@ -224,9 +216,8 @@ SENSE_CLIPPING = Effect(
     ),
     source="V → clip(V), share of what goes over the level is lost",
     signature="flat tops, odd harmonics",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"sense_cubic": "larger amplitude"},
-    signs=ODD,
     search=Search.LEVELS,
 )
 
@@ -240,9 +231,8 @@ PARASITIC_MODE = Effect(
     sense=(rx * px, ry * py),
     source="p̈ + 2ζωp ṗ + ωp² p = γ u, sensed as + c p; only γc is seen",
     signature="a resonant peak of the innovation, its phase that of the drive",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"interference": "its phase follows the drive"},
-    signs=(Sign.LINE_ELSEWHERE, Sign.DRIVE),
     search=Search.MODES,
 )
 
@@ -254,10 +244,10 @@ FREE_MODE = Effect(
     coefficients=(
         Coefficient(wm, "wm", 1e-3, 0, -1, positive=True, start=3.0, least=0.01),
         Coefficient(dm, "dm", 1e-3, 0, -1, positive=True, start=0.01),
-        Coefficient(cmx, "cmx", 0.1, volt=1, own=True, wanes=True),
-        Coefficient(smx, "smx", 0.1, volt=1, own=True, wanes=True),
-        Coefficient(cmy, "cmy", 0.1, volt=1, own=True, wanes=True),
-        Coefficient(smy, "smy", 0.1, volt=1, own=True, wanes=True),
+        Coefficient(cmx, "cmx", 0.1, volt=1, own=True),
+        Coefficient(smx, "smx", 0.1, volt=1, own=True),
+        Coefficient(cmy, "cmy", 0.1, volt=1, own=True),
+        Coefficient(smy, "smy", 0.1, volt=1, own=True),
     ),
     signals=(Signal(time, Source.TIME),),
     sense=(
@@ -267,8 +257,7 @@ FREE_MODE = Effect(
     source="p̈ + dm ṗ + (wm² + dm²/4) p = 0, a mode beside the one that is modelled; displacement, velocity and "
     "acceleration of it are all of that form; Ewins, Modal Testing, 2000",
     signature="another line that dies away at a rate of its own",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"interference": "a longer record: a line does not die away", "parasitic_mode": "a drive"},
-    signs=(Sign.LINE_ELSEWHERE,),
     search=Search.RINGS,
 )

@@ -1,7 +1,6 @@
 """Stiffness that is not a constant symmetric matrix."""
 
-from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
-from estimator.effects.search import EVEN, LINEAR, ODD, Kin, Sign
+from estimator.effects.declaration import Coefficient, Compensation, Effect, Signal, Source
 from estimator.model.formula import symbols
 from estimator.model.symbols import x, y
 
@@ -17,10 +16,8 @@ CUBIC_STIFFNESS = Effect(
     force=(-k3x * x**3, -k3y * y**3),
     source="Duffing oscillator; Nayfeh & Mook, Nonlinear Oscillations, 1979, ch. 4",
     signature="frequency pulled by 3/8 k3 A²/k, a line at 3ω, quadrature growing with sin 4θ",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"sense_cubic": "pulls no frequency"},
-    signs=(*ODD, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4, Sign.SIN_2, *LINEAR),
-    kin=Kin.STIFFNESS,
 )
 
 CUBIC_ISOTROPIC = Effect(
@@ -31,9 +28,7 @@ CUBIC_ISOTROPIC = Effect(
     force=(-k3 * (x**2 + y**2) * x, -k3 * (x**2 + y**2) * y),
     source="Lynch, Coriolis angular velocity sensors, IEEE Std 1431 annex B",
     signature="frequency pulled with the amplitude; a rate bias −k3 a b/4ω with quadrature",
-    undone=Undone.CANCEL,
-    signs=(*ODD, Sign.AMPLITUDE, *LINEAR),
-    kin=Kin.STIFFNESS,
+    compensation=Compensation.CANCEL,
     plane=True,
 )
 
@@ -45,10 +40,8 @@ QUADRATIC_STIFFNESS = Effect(
     force=(-k2x * x**2, -k2y * y**2),
     source="asymmetric electrostatic spring; Senturia, Microsystem Design, 2001, ch. 6",
     signature="a shift and a line at 2ω",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"sense_quadratic": "moves with the bias, not with the drive"},
-    signs=EVEN,
-    kin=Kin.EVEN,
 )
 
 NONRECIPROCAL_STIFFNESS = Effect(
@@ -59,9 +52,8 @@ NONRECIPROCAL_STIFFNESS = Effect(
     force=(-kn * y, kn * x),
     source="antisymmetric part of the stiffness matrix, as from a drive misaligned by feedback",
     signature="quadrature of one sign at every angle",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"rotation (Euler term)": "vanishes at a constant rate"},
-    signs=(*LINEAR, Sign.COS_2, Sign.RATE),
 )
 
 CONSTANT_FORCE = Effect(
@@ -72,9 +64,8 @@ CONSTANT_FORCE = Effect(
     force=(ax, ay),
     source="gravity on a tilted bench",
     signature="none beside the sense offset",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"sense offset": "nothing on one bench; tilt it"},
-    signs=(Sign.LINE_0,),
 )
 
 QUINTIC_STIFFNESS = Effect(
@@ -85,11 +76,8 @@ QUINTIC_STIFFNESS = Effect(
     force=(-k5x * x**5, -k5y * y**5),
     source="Nayfeh & Mook, Nonlinear Oscillations, 1979, ch. 2: averaged over a cycle, x⁵ is 5/8 A⁴ x",
     signature="frequency pulled by 5/16 k5 A⁴/k, lines at 3ω and 5ω",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"cubic_stiffness": "another amplitude"},
-    signs=(*ODD, Sign.AMPLITUDE, Sign.SIN_4, Sign.COS_4, Sign.SIN_2, *LINEAR),
-    kin=Kin.STIFFNESS,
-    simpler="cubic_stiffness",
 )
 
 QUINTIC_ISOTROPIC = Effect(
@@ -100,11 +88,8 @@ QUINTIC_ISOTROPIC = Effect(
     force=(-k5r * (x**2 + y**2) ** 2 * x, -k5r * (x**2 + y**2) ** 2 * y),
     source="next term after the cubic one of a potential that depends on the radius only",
     signature="frequency pulled with the fourth power of the amplitude",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"cubic_isotropic": "another amplitude"},
-    signs=(*ODD, Sign.AMPLITUDE, *LINEAR),
-    kin=Kin.STIFFNESS,
-    simpler="cubic_isotropic",
     plane=True,
 )
 
@@ -123,9 +108,8 @@ HYSTERETIC_STIFFNESS = Effect(
     source="Bouc 1967; Wen, J. Eng. Mech. Div. ASCE 102(EM2), 1976, with exponent 1 and β = γ; its first loading is "
     "that of Dahl, Aerospace Corp. TOR-0158(3107-18)-1, 1968, kh the rest stiffness and kh reach the Coulomb force",
     signature="a loss a cycle, and a stiffness, that fall with the amplitude and hardly depend on the frequency",
-    undone=Undone.NOT,
+    compensation=Compensation.NONE,
     look_alikes={"dry_friction": "amplitudes near the reach", "nonlinear_damping": "steps of amplitude"},
-    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
 )
 
 PLAY = Effect(
@@ -144,7 +128,6 @@ PLAY = Effect(
     "of Hysteresis, 1994, ch. III; Krejčí, Hysteresis, Convexity and Dissipation, 1996; Prandtl, ZAMM 8, 1928: a "
     "spring behind Coulomb friction of kp w",
     signature="nothing below the half-width; beyond it a loss of 4 kp w (A − w) a cycle, and a stiffness that falls",
-    undone=Undone.NOT,
+    compensation=Compensation.NONE,
     look_alikes={"hysteretic_stiffness": "amplitudes near the half-width", "dry_friction": "steps of amplitude"},
-    signs=(*ODD, Sign.ALWAYS, Sign.AMPLITUDE),
 )

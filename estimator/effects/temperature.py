@@ -4,8 +4,7 @@ Stiffness and damping are matrices, k(T) and d(T): Young's modulus scales the cr
 stress in the package does not; so each entry has a coefficient of its own, and the matrix stays symmetric.
 """
 
-from estimator.effects.declaration import Coefficient, Effect, Signal, Source, Undone
-from estimator.effects.search import Sign
+from estimator.effects.declaration import Coefficient, Compensation, Effect, Signal, Source
 from estimator.model.formula import symbols
 from estimator.model.symbols import vx, vy, x, y
 
@@ -26,9 +25,8 @@ TEMPERATURE_STIFFNESS = Effect(
     force=(-warmth * (ktx * x + ktxy * y), -warmth * (ktxy * x + kty * y)),
     source="Young's modulus of silicon, −60 ppm/K; Senturia 2001, ch. 8",
     signature="a slow residual that moves with the temperature channel",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"ageing": "a temperature cycle"},
-    signs=(Sign.TEMPERATURE,),
 )
 
 TEMPERATURE_DAMPING = Effect(
@@ -44,9 +42,8 @@ TEMPERATURE_DAMPING = Effect(
     force=(-warmth * (dtx * vx + dtxy * vy), -warmth * (dtxy * vx + dty * vy)),
     source="gas and thermoelastic damping; Senturia 2001, ch. 8",
     signature="a slow residual that moves with the temperature channel",
-    undone=Undone.CANCEL,
+    compensation=Compensation.CANCEL,
     look_alikes={"ageing": "a temperature cycle"},
-    signs=(Sign.TEMPERATURE,),
 )
 
 TEMPERATURE_OFFSET = Effect(
@@ -58,7 +55,6 @@ TEMPERATURE_OFFSET = Effect(
     sense=(ptx * warmth, pty * warmth),
     source="drift of the readout; IEEE Std 1431",
     signature="a slow offset that moves with the temperature channel",
-    undone=Undone.MAP,
+    compensation=Compensation.MAP,
     look_alikes={"ageing": "a temperature cycle"},
-    signs=(Sign.TEMPERATURE,),
 )

@@ -21,7 +21,6 @@ class EvaluatedModel:
         m, n = model.system_matrices()
         flowing = [constant.symbol for constant in model.flow_constants]
         measurement = sp.Matrix(model.measurement)
-        self._inputs = len(model.inputs)
         self._matrices = _function([constants], [m, n])
         self._slopes = _function([constants], [[m.diff(c), n.diff(c)] for c in flowing])
         self._measurement = _function([states, constants], list(measurement))

@@ -30,6 +30,12 @@ _DISPATCHED = {
     "sense": ("const real *c, const real *s, real *z, real *jacobian, whole stride", "c, s, z, jacobian, stride"),
     "jump": ("const real *s, whole constant, real *out", "s, constant, out"),
 }
+_IN_32_BITS = {
+    "first_term": (
+        "const real *c, const real *s, const real *rest, const real *u, whole terms, real h,\n    double *out",
+        "c, s, rest, u, terms, h, out",
+    ),
+}
 _STEMS = {"taylor_columns": "taylor"}
 
 
@@ -64,4 +70,7 @@ def generated(models: Sequence[Model], effects: Sequence[Effect], numbers: Seque
     parts += [effects_of(model, effects, what, numbers) for what in (FORCE, SENSE) for model in models]
     parts += [_effect(models, what) for what in (FORCE, SENSE)]
     parts += [_chosen(models, stem, arguments, names) for stem, (arguments, names) in _DISPATCHED.items()]
+    parts += ["#ifdef CORE_FLOAT32"]
+    parts += [_chosen(models, stem, arguments, names) for stem, (arguments, names) in _IN_32_BITS.items()]
+    parts += ["#endif"]
     return "\n\n".join([_HEAD, *parts, "#endif"]) + "\n"

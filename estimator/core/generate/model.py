@@ -5,7 +5,7 @@ A step of the flow is a Taylor series: with s' = M(c) s + N(c) u the coefficient
 So one function serves values and Jacobian alike, on columns [state | by the state | by the flow constants].
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import sympy as sp
 
@@ -50,6 +50,17 @@ class Field:
                 terms.append(f"{written(entry) if entry.is_number else f'm{row}_{j}'} * {place}")
         return " + ".join(terms) or "R(0.0)"
 
+    def lanes(self, row: int, of: Sequence[str]) -> str:
+        """The same of four columns each."""
+        total = ""
+        for j, lane in enumerate(of):
+            entry = self.m[row, j]
+            if entry != 0:
+                name = written(entry) if entry.is_number else f"m{row}_{j}"
+                term = lane if entry == 1 else f"scale4({name}, {lane})"
+                total = f"add4({total}, {term})" if total else term
+        return total
+
 
 def _indented(lines: Sequence[str], by: int = 4) -> list[str]:
     return [" " * by + line for line in lines]
@@ -83,7 +94,8 @@ def field_columns(model: Model) -> str:
 
 def taylor(model: Model) -> str:
     """`<model>_taylor`: the columns of out advanced by their Taylor series over h under the drive u (axes, terms), a
-    polynomial in normalised time; a is scratch of out's shape; columns is 1 or all.
+    polynomial in normalised time; a is scratch of out's shape; columns is 1 or all, of two axes in fours.  Of all in
+    32 bits the first becomes the terms of the state's series behind the first one, which `<model>_first_term` gives.
     """
     field = Field(model)
     rows = field.rows
@@ -97,8 +109,8 @@ def taylor(model: Model) -> str:
     lines += [f"    real {s} = out[{i} * stride], total{i} = {s};" for i, s in enumerate(field.states)]
     lines += _indented([*series, *_indented(inputs)])
     for i in rows:
-        pushed = f" + {written(field.driven[i])}" if i in field.driven else ""
-        lines.append(f"        const real b{i} = scale * ({field.product(i, [str(s) for s in field.states])}{pushed});")
+        drive = f" + {written(field.driven[i])}" if i in field.driven else ""
+        lines.append(f"        const real b{i} = scale * ({field.product(i, [str(s) for s in field.states])}{drive});")
     lines += [f"        {s} = b{i}, total{i} += b{i};" for i, s in enumerate(field.states)]
     lines += ["    }", *(f"    out[{i} * stride] = total{i};" for i in rows), "    return;", "}"]
     lines += [f"real *restrict a{i} = a + {i} * stride, *restrict o{i} = out + {i} * stride;" for i in rows]
@@ -108,21 +120,69 @@ def taylor(model: Model) -> str:
     named = {s: f"a{i}[0]" for i, s in enumerate(field.states)}
     forces = [(f"const real f{i}_{j}", e) for (i, j), e in field.forced.items()]
     lines += _indented(loads(named, free_symbols(field.forced.values())) + assignments(forces, "v"))
-    lines.append("    for (whole j = 0; j < columns; j++) {")
-    for i in rows:
-        lines.append(f"        const real b{i} = scale * ({field.product(i, [f'a{k}[j]' for k in rows])});")
-    lines += [f"        a{i}[j] = b{i};" for i in rows]
-    lines += ["    }"]
-    for i, e in field.driven.items():
-        lines.append(f"    a{i}[0] += scale * ({written(e)});")
-    lines += [f"    a{i}[{j}] += scale * f{i}_{j};" for i, j in field.forced]
-    lines += ["    for (whole j = 0; j < columns; j++) {"]
-    lines += [*(f"        o{i}[j] += a{i}[j];" for i in rows), "    }", "}"]
+    pushed = {(i, 0): f"({written(e)})" for i, e in field.driven.items()} | {
+        (i, j): f"f{i}_{j}" for i, j in field.forced
+    }
+    lines += _indented(_by_lanes(field, pushed) if len(rows) == 4 else _one_by_one(field, pushed))
+    lines += ["#ifdef CORE_FLOAT32", "    if (n == 0)", f"        {' = '.join(f'o{i}[0]' for i in rows)} = R(0.0);"]
+    lines += ["#endif", "}"]
     head = (
         f"static inline void {model.name}_taylor(const real *c, const real *u, whole terms, real h, whole order,\n"
         "    whole columns, real *a, real *out, whole stride)\n{"
     )
     return f"{head}\n{_body(lines)}"
+
+
+def _one_by_one(field: Field, pushed: Mapping[tuple[int, int], str]) -> list[str]:
+    """The next term of all columns, `pushed` in some of their rows, and its sum."""
+    lines = ["for (whole j = 0; j < columns; j++) {"]
+    lines += [
+        f"    const real b{i} = scale * ({field.product(i, [f'a{k}[j]' for k in field.rows])});" for i in field.rows
+    ]
+    lines += [f"    a{i}[j] = b{i};" for i in field.rows] + ["}"]
+    lines += [f"a{i}[{j}] += scale * {what};" for (i, j), what in pushed.items()]
+    lines += ["for (whole j = 0; j < columns; j++) {"]
+    return [*lines, *(f"    o{i}[j] += a{i}[j];" for i in field.rows), "}"]
+
+
+def _by_lanes(field: Field, pushed: Mapping[tuple[int, int], str]) -> list[str]:
+    """The same, four columns at a time: single numbers that were stored could not be loaded as four at once."""
+    blocks = max(j for _, j in pushed) // 4 + 1
+    driven = sorted({i for i, _ in pushed})
+    lines = []
+    for i in driven:
+        fours = (
+            ", ".join(f"scale * {pushed[i, j]}" if (i, j) in pushed else "R(0.0)" for j in range(4 * at, 4 * at + 4))
+            for at in range(blocks)
+        )
+        lines.append(f"const four p{i}[{blocks}] = {{{', '.join(f'four_of({four})' for four in fours)}}};")
+    lines += ["for (whole j = 0; j < columns; j += 4) {"]
+    lines += [f"    const four q{i} = take4(a{i} + j);" for i in field.rows]
+    for i in field.rows:
+        lines.append(f"    four b{i} = scale4(scale, {field.lanes(i, [f'q{k}' for k in field.rows])});")
+    lines += [f"    if (j < {4 * blocks}) {{", *(f"        b{i} = add4(b{i}, p{i}[j / 4]);" for i in driven), "    }"]
+    for i in field.rows:
+        lines += [f"    put4(a{i} + j, b{i});", f"    put4(o{i} + j, add4(take4(o{i} + j), b{i}));"]
+    return [*lines, "}"]
+
+
+def first_term(model: Model) -> str:
+    """`<model>_first_term`: h times the field at a state s, in 64 bits; rest [of states | of constants] is what 32 bits
+    do not hold of them; u (axes, terms).
+    """
+    states = {state.symbol: f"(double)s[{i}] + (double)rest[{i}]" for i, state in enumerate(model.states)}
+    first = len(states)
+    constants = {c.symbol: f"(double)c[{i}] + (double)rest[{first + i}]" for i, c in enumerate(model.constants)}
+    inputs = {u: f"(double)u[{k} * terms]" for k, u in enumerate(model.inputs)}
+    lines = loads(constants | states | inputs, free_symbols(model.field))
+    lines += assignments([(f"out[{i}]", e) for i, e in enumerate(model.field)], "w")
+    lines += [f"out[{i}] *= (double)h;" for i in range(first)]
+    head = (
+        f"static inline void {model.name}_first_term(const real *c, const real *s, const real *rest, const real *u,\n"
+        "    whole terms, real h, double *out)\n{"
+    )
+    body = _body(lines).replace("const real ", "const double ").replace("R(", "(")
+    return f"#ifdef CORE_FLOAT32\n{head}\n{body}\n#endif"
 
 
 def powers(model: Model) -> str:
@@ -211,7 +271,7 @@ def jump(model: Model) -> str:
 
 def functions(model: Model) -> list[str]:
     """All of one model."""
-    found = [field_columns(model), taylor(model), sense(model), jump(model)]
+    found = [field_columns(model), taylor(model), first_term(model), sense(model), jump(model)]
     if len(model.states) == 4:
         found += [powers(model), add_constants(model)]
     return found

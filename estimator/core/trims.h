@@ -1,0 +1,40 @@
+/* Trim electrodes: known voltages that soften the stiffness by their square. */
+#ifndef GYRO_TRIMS_H
+#define GYRO_TRIMS_H
+
+#include "structs.h"
+
+/* Voltage h after now. */
+static inline real electrode_after(const Trims *trims, whole k, real h)
+{
+    real rest = trims->settling[k] > R(0.0) ? EXP(-h / trims->settling[k]) : R(0.0);
+    return trims->target[k] + (trims->volts[k] - trims->target[k]) * rest;
+}
+
+/* Before an interval of length h is predicted: the stiffness becomes what the voltage in its middle makes of it, with
+   the initial value (k,) that forgetting draws it to, and less certain by the coefficient's own uncertainty. */
+static inline void follow_trims(const Settings *settings, Trims *trims, const Estimate *estimate, real *initial, real h)
+{
+    for (whole k = 0; k < trims->count; k++) {
+        real middle = electrode_after(trims, k, R(0.5) * h);
+        real before = trims->squared[k], now = middle * middle;
+        trims->volts[k] = electrode_after(trims, k, h);
+        if (now == before)
+            continue;
+        trims->squared[k] = now;
+        for (whole i = 0; i < 3; i++) {
+            real softer = trims->softening[k][i] * (now - before);
+            estimate->x[settings->states + KXX + i] -= softer;
+            if (trims->rows[i] < 0)
+                continue;
+            initial[trims->rows[i] - settings->states] -= softer;
+            whole at = trims->rows[i] * (estimate->width + 1);
+            real more = trims->variance[k][i] * FABS(now * now - before * before);
+            estimate->p[at] += more;
+            if (settings->two_covariances == 1)
+                estimate->c[at] += more;
+        }
+    }
+}
+
+#endif
