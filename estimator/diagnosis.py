@@ -42,7 +42,7 @@ class Found:
     equation: tuple[str, ...]
     coefficients: Mapping[str, Interval]
     evidence: float
-    undone: str
+    compensation: str
     angle_bound: float | None = None
 
 
@@ -84,17 +84,16 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Finding:
-    """Something seen in the residual: where it is, how large beside what chance would leave, whom it points at.
+    """Something seen in the residual: where it is, and its size beside that by chance.
 
-    kind: "line", "amplitude", "orientation", "rate", "drive", "temperature", "whiteness", "level"; `size` in volts
-    rms of that part of the residual; `significance` in standard deviations.
+    kind: "line", "whiteness", "level"; `size` in volts rms of that part of the residual; `significance` in standard
+    deviations.
     """
 
     kind: str
     text: str
     size: float
     significance: float
-    points_at: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -220,5 +219,4 @@ class Diagnosis:
             after=self.before,
             held_out_after=self.held_out_before,
             residual_after=self.residual_before,
-            free_run=None if self.free_run is None else (self.free_run[0], self.free_run[0]),
         )

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
+from estimator.spans import spans
 
 ROWS_BEFORE = 2
 """Rows before a gap that tell of its drive; behind it one does."""
@@ -99,8 +100,7 @@ class Drives:
         knows when.
         """
         drive, gap = np.where(known[:, None], drive, 0.0), np.zeros(len(known), np.int64)
-        edges = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]]).astype(int)))
-        for begin, end in edges.reshape(-1, 2).tolist():
+        for begin, end in spans(~known):
             if begin > 0 and end < len(known):
                 drive[begin:end], gap[end - 1] = self._between(sense, drive, known, begin, end)
         return drive, gap

@@ -1,13 +1,11 @@
-"""Every number in tracing that someone has set: its value, its unit and why it is that.
+"""Numbers in tracing that someone has set and that may change a verdict: value, unit and why it is that.
 
-What follows from mathematics (quantiles, what a Hann window does) or from a declaration is no threshold and stands
-where it is used.  The page docs/reference/thresholds.md is made of these
-declarations.
+What follows from mathematics (quantiles, what a Hann window does), from a declaration, or only bounds a figure or its
+cost is no threshold and stands where it is used.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from typing import Any, NamedTuple, TypeVar
+from dataclasses import asdict, dataclass, field
+from typing import TypeVar
 
 T = TypeVar("T")
 
@@ -38,7 +36,6 @@ class Fitness:
     beyond_end: float = _set(
         2.0, "codes beyond the end", "So far leads the motion before it, where it was cut off and does not stand still."
     )
-    stretches: int = _set(200, "stretches at the end", "The median of so many no longer changes.")
     before_stretch: tuple[int, int] = _set(
         (4, 20), "samples, fewest and most", "A parabola needs three, and holds for a small part of a cycle only."
     )
@@ -47,7 +44,6 @@ class Fitness:
     line_share: float = _set(
         0.1, "share of the power", "A line with less is not what the record is of, and does not ask for a faster one."
     )
-    line_bins: int = _set(2, "bins to either side", "The lobe of a Hann window.")
 
 
 @dataclass(frozen=True)
@@ -72,7 +68,6 @@ class Candidates:
     rings: int = _set(2, "lines", "Other modes that ring show once the strongest are carried.")
     ring_bins: int = _set(8, "bins for one of the record", "What dies away within a few cycles has a top of few bins.")
     ring_apart: float = _set(0.1, "of the resonance", "Nearer to it, or to a multiple of it, is what it leaves itself.")
-    reweighted: int = _set(5, "rounds", "The denominator's weights change no more after that.")
     saturation: tuple[float, ...] = _set(
         (0.04, 0.12, 0.3, 0.55, 0.75, 0.92), "of the largest drive", "From one to the next, a climb reaches the limit."
     )
@@ -86,18 +81,15 @@ class Candidates:
 
 @dataclass(frozen=True)
 class Criterion:
-    """What chance gains, and what is told apart."""
+    """What chance gains."""
 
-    chance: float = _set(1e-4, "probability", "Of naming anything on a record to which nothing is to be added.")
+    chance: float = _set(1e-4, "probability", "Of a check to fail where all is well, or of a motion that is none.")
 
 
 @dataclass(frozen=True)
 class Start:
     """How a pass over a record begins."""
 
-    wider: float = _set(
-        10.0, "× the standard deviations of the pass before", "What is counted twice is one part in a hundred."
-    )
     cycles: float = _set(1.5, "cycles", "They show the motion to some percent, as far as amplitude and rate may move.")
     harmonics: int = _set(3, "orders", "What a channel bends is in the second and the third.")
     memories: float = _set(3.0, "memories of the observer", "A start from declared values has decayed to a twentieth.")
@@ -107,53 +99,9 @@ class Start:
 
 @dataclass(frozen=True)
 class Scanning:
-    """The one pass that watches all candidates."""
+    """A pass of the filter."""
 
-    parts: int = _set(32, "parts of the record", "Enough to tell scatter from part to part within a quarter.")
-    course: int = _set(16, "instants a part", "The angle's sensitivity is drawn and bounded by so many points.")
     jump: float = _set(4.0, "× the usual innovation", "What lies around a jump of the rate counts less from there on.")
-
-
-@dataclass(frozen=True)
-class Promises:
-    """What the words of a diagnosis promise."""
-
-    floor_chance: float = _set(
-        0.01, "probability", "Of a residual at the floor to lie above what is allowed, where few samples tell."
-    )
-
-
-@dataclass(frozen=True)
-class Judgement:
-    """Whether what is left is of a size that matters."""
-
-    start: int = _set(8, "cycles", "A start from the declared values is over by then.")
-    level: float = _set(0.05, "of the predicted power, above it", "Clean records leave less.")
-    predictable: float = _set(0.02, "of the power", "Clean records show less that follows from the innovations before.")
-    lags: int = _set(4, "cycles", "So far back the innovations may tell of the next.")
-    jump: float = _set(3.0, "× the usual power", "What lies around a jump of the rate counts less from there on.")
-    short: int = _set(30_000, "samples", "With fewer, a larger share may be left: a jump of the rate leaves as much.")
-    line_chance: float = _set(1e-6, "probability", "Long records show lines of no size; their size is asked next.")
-    line_power: float = _set(1e-3, "of the power", "A smaller line moves the angle by less than its own noise.")
-    rate_power: float = _set(
-        1e-2, "of the power", "The same beside the resonance, where a rate that jumps leaves some."
-    )
-    most_floor: float = _set(4.0, "× the predicted power", "A floor above that is no noise of this device.")
-
-
-@dataclass(frozen=True)
-class Scoring:
-    """How the part that was held out is scored, and how far the angle moves."""
-
-    states: int = _set(200_000, "samples", "Up to here every state is kept; beyond, some a cycle.")
-    states_a_cycle: float = _set(4.0, "states", "The phase of the motion is known from fewer than half of them.")
-    free_cycles: int = _set(20, "cycles", "As long as the bench is at most without samples; then it stops.")
-    followed: int = _set(3, "× the free cycles", "The observer has recovered by then.")
-    unseen: float = _set(1e12, "× the variance of the noise", "Such a measurement changes nothing.")
-    settled: int = _set(8, "1 / share of the record", "A free run begins there at the latest.")
-    read: int = _set(
-        100_000, "samples", "The angle is read once for each possibility, and a free run is long: more costs minutes."
-    )
 
 
 @dataclass(frozen=True)
@@ -161,35 +109,6 @@ class Symmetries:
     """When what was named obeys a symmetry of the equations."""
 
     broken: float = _set(0.1, "of a coefficient", "What departs by less may be a second, smaller cause.")
-    declared: float = _set(
-        3.0, "standard deviations of what is declared", "A clock that asks for more contradicts the bench file."
-    )
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Odds before a record is looked at, of what the model lacks."""
-
-    nothing: float = _set(1.0, "parts", "Indifference: each of the three is as likely as the others.")
-    effect: float = _set(1.0, "parts", "Of the catalogue, all kinds together and each of them as likely as the next.")
-
-
-@dataclass(frozen=True)
-class ResidualLook:
-    """What the residual holds, in words: findings, which no verdict hangs on but by floor and lines."""
-
-    false_alarm: float = _set(0.01, "probability", "That white noise gives any finding at all.")
-    beside_multiple: float = _set(1e-3, "resonances", "From there on a line beside a multiple may be another's.")
-    shown_offset: float = _set(1e-4, "resonances", "An offset from a multiple that is said.")
-    regressed: int = _set(200_000, "samples", "Regressed sample by sample: more costs seconds and tells no more.")
-    block_cycles: float = _set(4.0, "cycles", "Short against the turning of the pattern, long against the vibration.")
-    blocks: int = _set(32, "blocks", "Fewer cannot bear out a regression on seven quantities.")
-    varies: float = _set(1e-6, "of its size", "A quantity that varies by less tells nothing.")
-    dependent: float = _set(1e-3, "of the largest pivot", "A quantity that is so near to the others is said by them.")
-    lags: int = _set(10, "lags", "Fewer do not tell memory from chance.")
-    lag_cycles: float = _set(2.0, "cycles", "Memory of a resonance shows within them.")
-    lag_share: int = _set(8, "1 / share of the record", "Correlations over longer lags are of too few pairs.")
-    limiting: int = _set(20_000, "ordinates", "From there on the limiting distribution does as well.")
 
 
 @dataclass(frozen=True)
@@ -201,9 +120,6 @@ class Floor:
     upper: float = _set(4.0, "1 / share of the sampling rate", "The floor is read from the upper half of the spectrum.")
     above: float = _set(1.5, "resonances", "And from above the resonance's own skirts.")
     periodic: float = _set(1e-4, "of the drive's rms", "A period that comes back is the same to this.")
-    similar: float = _set(1e-3, "of the drive's rms", "A stretch, where one is looked for, is the same to this.")
-    pattern: int = _set(32, "samples", "So long is such a stretch: no chance makes one.")
-    places: int = _set(8, "places", "Where a period may begin: the next ones are multiples of it.")
     compared: int = _set(256, "samples", "Two periods are compared over that at least.")
 
 
@@ -212,7 +128,6 @@ class Spectrum:
     """Lines of the residual and the floor around them."""
 
     orders: int = _set(5, "multiples of the resonance", "Laws of motion up to the fifth power show there.")
-    band: float = _set(1.0 / 16.0, "resonances", "Half width of what is around a multiple: modulation broadens lines.")
     sideband: float = _set(1.0 / 8.0, "resonances", "Within it a line counts as a multiple's sideband.")
     floor_bins: int = _set(512, "bins", "The median of so many is sure to 5 %.")
     floor_width: float = _set(0.5, "resonances", "Four bands: what is in one moves the median little.")
@@ -230,43 +145,16 @@ class Thresholds:
     criterion: Criterion = field(default_factory=Criterion)
     start: Start = field(default_factory=Start)
     scan: Scanning = field(default_factory=Scanning)
-    promises: Promises = field(default_factory=Promises)
-    judgement: Judgement = field(default_factory=Judgement)
-    prior: Prior = field(default_factory=Prior)
-    scoring: Scoring = field(default_factory=Scoring)
     symmetries: Symmetries = field(default_factory=Symmetries)
-    residual: ResidualLook = field(default_factory=ResidualLook)
     floor: Floor = field(default_factory=Floor)
     spectrum: Spectrum = field(default_factory=Spectrum)
 
 
-class Threshold(NamedTuple):
-    """One of them: `group.name`, value, unit, reason."""
-
-    name: str
-    value: float | tuple[float, ...]
-    unit: str
-    reason: str
-
-
-def each(thresholds: Thresholds) -> Iterator[Threshold]:
-    """All of them, one after another."""
-    for group in fields(thresholds):
-        members: Any = getattr(thresholds, group.name)
-        for one in fields(members):
-            said = one.metadata
-            yield Threshold(f"{group.name}.{one.name}", getattr(members, one.name), said["unit"], said["reason"])
-
-
 def values(thresholds: Thresholds) -> dict[str, dict[str, int | float | tuple[float, ...]]]:
     """By group and name."""
-    found: dict[str, dict[str, int | float | tuple[float, ...]]] = {}
-    for one in each(thresholds):
-        group, _, name = one.name.partition(".")
-        found.setdefault(group, {})[name] = one.value
-    return found
+    return asdict(thresholds)
 
 
 THRESHOLDS = Thresholds()
-"""Those that tracing goes by.  A module reads them when it is imported or later: whoever tries others puts them
+"""Those that tracing goes by.  A module reads them when it is imported or later: a trial of others puts them
 here, in a process of its own, before any other module of tracing is imported."""

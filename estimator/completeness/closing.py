@@ -1,8 +1,7 @@
 """The scan that closes every run: what the model lacks, what the record excludes, how far the angle may be off."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from itertools import pairwise
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -11,29 +10,28 @@ import numpy as np
 from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.constants import calibrated_effects, off
 from estimator.completeness.information import Information, ScannedCoefficient
-from estimator.completeness.judgement import left_in
 from estimator.completeness.lacking import HARMLESS, Taken, leading, taken_together
-from estimator.completeness.scan import COURSE, PARTS, scan
 from estimator.completeness.scores import Scores, scores_of
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.stretched import Stretched, beside, first_of, fitted, likelihood_of
-from estimator.completeness.turning import Turning
+from estimator.completeness.turning import Turning, followed, instants
 from estimator.completeness.words import Nearest, in_words
 from estimator.effects.labels import kind, searched_by
 from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.side_by_side import together
-from estimator.thresholds import THRESHOLDS
+from estimator.trace.checks import disturbed_by
 from estimator.trace.fit import FittedModel, at, maximise
 from estimator.trace.likelihood import is_searched
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Effects, Problem, Progress, unseen
 from estimator.trace.score_test import Score
 from estimator.trace.search import margin as margin_of
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
 _BESIDE = 0.1  # of the resonance
+_OF_THE_RATE = 1e-2  # of the power: a weaker line beside the resonance is what a rate leaves that jumps
 _ROUNDS = 3  # effects that are there and harmless are included in the model, and the record is tested again
 # Of what is tested with several parameters: near enough to the others to be seen by, and named.
 _LABELS = {
@@ -41,10 +39,9 @@ _LABELS = {
     Search.BANDS: ("2", "4"),
     Search.LEVELS: ("2", "4"),
     Search.CORNERS: ("2",),
+    Search.LAGS: ("1",),
     Search.MODES: ("11", "21", "31"),
 }
-
-Progress = Callable[[str, int, int], None]
 
 
 class Limits(NamedTuple):
@@ -72,7 +69,7 @@ def closing_scan(
     scored_s: tuple[float, float],
     limits: Limits = _STRICT,
     declared: Mapping[str, float] = MappingProxyType({}),
-    progress: Progress = lambda stage, done, total: None,
+    progress: Progress = unseen,
 ) -> Completeness:
     """Judge a run by stretches of its record (`stretches_of`), with the observer settings of the run.
 
@@ -221,7 +218,7 @@ def price(of: Stretched, score: Score, samples: int) -> float:
 def _is_of_the_rate(parameters: Mapping[str, float], gain: float, of: Stretched, seen: Scores) -> bool:
     """Whether a line is what a rate leaves that moves otherwise than by a random walk: weak, beside the resonance."""
     beside = abs(parameters.get("omega", 0.0) / float(np.sqrt(of.problem.device.target)) - 1.0) < _BESIDE
-    return beside and gain < THRESHOLDS.judgement.rate_power * seen.innovation.size
+    return beside and gain < _OF_THE_RATE * seen.innovation.size
 
 
 def _is_tested(kind: str, label: str) -> bool:
@@ -244,17 +241,13 @@ def turning_of(
     times, courses = [], []
     # One that ends before the scored window says nothing of the angle in it, and turns while the observer settles.
     for stretch in [one for one in stretches[:-1] if one.end_s > scored_s[0]] + [stretches[-1]]:
-        seen = scan(Problem(stretch.record, device, settings, controller), tested, weighed=False)
-        elapsed = np.cumsum(stretch.record.step)
-        edges = np.linspace(0, len(elapsed), PARTS + 1).astype(int)
-        steps = np.arange(1, COURSE + 1) / COURSE
-        ends = np.concatenate([begin + np.ceil(steps * (end - begin)) - 1 for begin, end in pairwise(edges)])
-        time = stretch.begin_s + elapsed[ends.astype(int)]
+        columns, course = followed(Problem(stretch.record, device, settings, controller), tested)
+        time = stretch.begin_s + np.cumsum(stretch.record.step)[instants(len(stretch.record))]
         settled = time >= min(settled_s(stretch, settings, device, scored_s[0]), time[-1])
         times.append(time[settled])
-        courses.append(seen.course[settled])
+        courses.append(course[settled])
     time, sensitivity = joined(times, courses, scored_s[0], scored_s[1])
-    return Turning(dict(seen.columns), time, sensitivity, np.zeros(len(time)), np.zeros(len(time)))
+    return Turning(columns, time, sensitivity, np.zeros(len(time)), np.zeros(len(time)))
 
 
 def information_of(seen: Scores, turning: Turning, of: Stretched) -> Information:
@@ -272,12 +265,9 @@ def information_of(seen: Scores, turning: Turning, of: Stretched) -> Information
 
 
 def left_by(base: FittedModel, of: Stretched) -> tuple[str, ...]:
-    """What a model with the declared noise leaves in the first stretch that is larger than can be left to chance."""
-    model, declared = base.model, of.declared_noise()
-    seen = base.evaluation
-    if model.noise != declared:
-        seen = of.evaluate(base.layout, replace(model, noise=declared), derivatives=False)
-    seen = first_of(of, seen)
-    device, record = of.problem.device, of.problem.record
-    resonance_hz = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    return left_in(seen.innovation, seen.deviation, device.noise, record, resonance_hz)
+    """What a model leaves in the first stretch that is of a size that matters: the check of a trace."""
+    first = of.part(slice(0, of.samples))
+    quiet, disturbed = first.disturbed(base.layout, first.quieten(base.layout, base.model))
+    seen = [first.evaluate(base.layout, one, derivatives=False) for one in (quiet, disturbed)]
+    check = disturbed_by(*seen)
+    return () if check.passed else (check.sentence,)

@@ -17,7 +17,6 @@ import numpy as np
 
 from estimator.errors import ModelError
 from estimator.scaling import Array
-from estimator.thresholds import THRESHOLDS
 
 SIZES = (1.0, 0.1, 0.01, 0.001)
 """Of the plausible one, all as probable beforehand: an effect that nobody thought of has no usual size."""
@@ -179,8 +178,8 @@ class Information:
         there is none), and by how much (m,) rad, rms, the angle may be off for all of them, with what was found and is
         harmless.
 
-        One effect at a time may be there that nobody declared, or none, with the odds of a trace before the record
-        (`THRESHOLDS.prior`), and of any size up to the plausible one.  The record then says how probable each is, and
+        One effect at a time may be there that nobody declared, or none, each as likely before the record as the other,
+        and of any size up to the plausible one.  The record then says how probable each is, and
         how large: what it shows nothing of is as unlikely as it was, what it excludes is less so.
         """
         declared = self.posterior(prior_sd)
@@ -209,9 +208,10 @@ class Information:
         parameters each was tested.
         """
         kinds = Counter(kind_of(effect) for effect, _ in evidence)
-        odds = THRESHOLDS.prior.effect / (THRESHOLDS.prior.nothing * len(kinds))
         logs = {
-            account: gain + math.log(odds / kinds[kind_of(account[0])]) if math.isfinite(gain) else -math.inf
+            account: gain + math.log(1.0 / (len(kinds) * kinds[kind_of(account[0])]))
+            if math.isfinite(gain)
+            else -math.inf
             for account, gain in evidence.items()
         }
         largest = max(0.0, *logs.values())

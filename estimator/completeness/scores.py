@@ -1,7 +1,7 @@
 """What a pass over the record says of every coefficient beside a fitted model."""
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -10,7 +10,7 @@ from estimator.scaling import Array
 from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import Evaluation
 from estimator.trace.problem import Effects
-from estimator.trace.score_test import Score
+from estimator.trace.score_test import Score, projected, scores_in, tested_in
 
 SAME = 0.9992
 """Likeness of what two effects do to the innovations above which a record does not tell them apart."""
@@ -59,15 +59,17 @@ def scores_of(of: Stretched, model: FittedModel, tested: Effects, constants: Col
     seen = of.evaluate(model.layout, model.model, tested=tested)
     layout, scale = model.layout, seen.scale
     own, size = len(layout.names), len(seen.names)
-    information, score = seen.information / scale, seen.score / scale
     ours = [k for name in constants for k in layout.of(name)]
     fitted = [k for k in range(own) if k not in ours]
     columns = _columns([*(layout.owner[k] for k in ours), *seen.names[own:]])
     sizes = np.concatenate([of.plausible(name) for name in columns])
     factor = [*layout.factor[ours], *_factors(of, tested)]
-    left = _projector(information.sum(axis=0), layout.deviation, fitted, [*ours, *range(own, size)])
-    normal = left.T @ information.sum(axis=0) @ left * np.outer(sizes, sizes)
-    at_model = (score.sum(axis=0) - _pull(model, fitted, size)) @ left * sizes
+    kept = [*fitted, *ours, *range(own, size)]
+    left, slopes = projected(
+        (seen.information / scale)[:, kept][:, :, kept], _slopes(model, seen, fitted)[:, kept], layout.deviation[fitted]
+    )
+    normal = left.sum(axis=0) * np.outer(sizes, sizes)
+    at_model = slopes.sum(axis=0) * sizes
     about_zero = at_model + normal[:, : len(ours)] @ (model.model.theta[ours] / sizes[: len(ours)])
     return Scores(
         columns, normal, -about_zero, sizes * np.abs(factor), _table(of, model, seen, tested), _ratio(seen),
@@ -75,12 +77,12 @@ def scores_of(of: Stretched, model: FittedModel, tested: Effects, constants: Col
     )  # fmt: skip
 
 
-def _pull(model: FittedModel, of: list[int], size: int) -> Array:
-    """Slope (size,) of what is known beforehand of these parameters."""
-    layout = model.layout
-    pull = np.zeros(size)
-    pull[of] = (model.model.theta[of] - layout.mean[of]) / layout.deviation[of] ** 2
-    return pull
+def _slopes(model: FittedModel, seen: Evaluation, of: list[int]) -> Array:
+    """Scores (parts, size) less the slope of what is known beforehand of these parameters."""
+    layout, slopes = model.layout, seen.score / seen.scale
+    pull = (model.model.theta[of] - layout.mean[of]) / layout.deviation[of] ** 2
+    slopes[:, of] -= pull / len(slopes)
+    return slopes
 
 
 def _columns(names: list[str]) -> dict[str, slice]:
@@ -95,34 +97,11 @@ def _factors(of: Stretched, tested: Effects) -> list[float]:
     return [of.unit(coefficient) for name in tested for coefficient in of.effect(name).coefficients]
 
 
-def _projector(information: Array, deviation: Array, taken: list[int], kept: list[int]) -> Array:
-    """(all, kept) that leaves of equations what the parameters `taken`, with their priors, cannot take up."""
-    prior = np.diag(deviation[taken] ** -2.0)
-    share = np.linalg.solve(information[np.ix_(taken, taken)] + prior, information[np.ix_(taken, kept)])
-    left = np.zeros((len(information), len(kept)))
-    left[taken], left[kept, range(len(kept))] = -share, 1.0
-    return left
-
-
 def _table(of: Stretched, model: FittedModel, seen: Evaluation, tested: Effects) -> tuple[Score, ...]:
-    """Each effect beside everything that the model has, with a prior of its plausible size (Rao's score test)."""
-    own, size = len(model.layout.names), len(seen.names)
-    information, score = seen.information / seen.scale, seen.score / seen.scale
-    fitted = list(range(own))
-    left = _projector(information.sum(axis=0), model.layout.deviation, fitted, list(range(own, size)))
-    by_part = left.T @ information @ left
-    slopes = (score - _pull(model, fitted, size) / len(score)) @ left
-    table = []
-    for name, at in _columns(list(seen.names[own:])).items():
-        normal = by_part[:, at, at]
-        covariance = np.linalg.inv(normal.sum(axis=0) + np.diag(of.plausible(name) ** -2.0))
-        slope = slopes[:, at]
-        c = covariance @ slope.sum(axis=0)
-        rest = slope - normal @ c
-        scatter = float(np.trace(covariance @ (rest.T @ rest))) / len(c)
-        gain = float(slope.sum(axis=0) @ c)
-        table.append(Score(name, gain, c, np.sqrt(np.diagonal(covariance)), scatter, tested[name]))
-    return tuple(sorted(table, key=lambda one: -one.gain))
+    """Each effect beside everything that the model has."""
+    own = len(model.layout.names)
+    beside = replace(tested_in(seen, own, seen.scale), score=_slopes(model, seen, list(range(own))))
+    return tuple(sorted(scores_in(of, beside, model.layout.deviation, tested), key=lambda one: -one.gain))
 
 
 def _ratio(seen: Evaluation) -> float:

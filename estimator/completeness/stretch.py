@@ -34,14 +34,14 @@ class Stretch:
         return self.begin_s + float(np.sum(self.record.step))
 
 
-def stretches_of(samples: int, settling: int = 0, most: int = MOST) -> tuple[slice, ...]:
-    """Which of so many samples to look at: all, or three stretches over the run that hold `most` together, and more
+def stretches_of(samples: int, settling: int = 0) -> tuple[slice, ...]:
+    """Which of so many samples to look at: all, or three stretches over the run that hold `MOST` together, and more
     where an observer that begins with one takes `settling` samples to find the constants.
     """
-    third = most // _PARTS
+    third = MOST // _PARTS
     later = min(max(third, settling + third // 2), _LATER * third)
     between = samples - third - 2 * later
-    if samples <= most or between < 0:
+    if samples <= MOST or between < 0:
         return (slice(0, samples),)
     middle = third + between // 2
     return slice(0, third), slice(middle, middle + later), slice(samples - later, samples)

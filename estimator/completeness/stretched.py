@@ -17,9 +17,8 @@ from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, advanced, at, fit, maximise
 from estimator.trace.likelihood import Evaluation, Layout, Model, ObserverLayout
 from estimator.trace.problem import Effects, Problem
+from estimator.trace.search import carried_over
 from estimator.trace.start import begin_moving
-
-_JOINED = ("score", "information", "power", "logs", "count", "innovation", "deviation")
 
 
 @dataclass(frozen=True)
@@ -59,13 +58,7 @@ class Stretched(Filtered):
         def over(one: Filtered) -> Evaluation:
             return Filtered.evaluate(one, layout, model, derivatives=derivatives, tested=tested)
 
-        seen = side_by_side([partial(over, one) for one in (self, *self.later)])
-        score, information, power, logs, count, innovation, deviation = (_joined(seen, name) for name in _JOINED)
-        return Evaluation(seen[0].names, score, information, power, logs, count, innovation, deviation)
-
-
-def _joined(seen: Sequence[Evaluation], name: str) -> Array:
-    return np.concatenate([getattr(one, name) for one in seen])
+        return Evaluation.of_parts(side_by_side([partial(over, one) for one in (self, *self.later)]))
 
 
 def likelihood_of(problem: Problem, records: Sequence[Record]) -> Stretched:
@@ -98,9 +91,7 @@ def beside(of: Stretched, base: FittedModel, constants: Collection[str], most: f
     """
     effects = {**base.layout.effects_of(base.model), **{name: {} for name in constants}}
     layout = of.layout(effects)
-    known = dict(zip(zip(base.layout.owner, base.layout.names, strict=True), base.model.theta, strict=True))
-    keys = zip(layout.owner, layout.names, layout.mean, strict=True)
-    theta = np.array([known.get((owner, name), mean) for owner, name, mean in keys])
+    theta = carried_over(base, layout)
     quiet = maximise(of, at(of, layout, Model(effects, theta, of.declared_noise())))
     if base.model.noise == of.declared_noise() or _accounts(quiet, most):
         return quiet

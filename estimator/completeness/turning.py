@@ -2,10 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from estimator.core.following import Portion, Signatures, scan_block
+from estimator.core.layout import OUTPUT
+from estimator.observer import Observer
 from estimator.scaling import Array
+from estimator.side_by_side import stop_if_abandoned
+from estimator.trace.problem import Effects, Problem
+
+INSTANTS = 512
+"""Of a stretch, at which the angle's sensitivity is kept: it is drawn and bounded by so many points."""
 
 
 @dataclass(frozen=True)
@@ -36,3 +46,41 @@ class Turning:
     def with_shift(self, shift: Array, deviation: Array) -> "Turning":
         """The same with something found there that turned the angle by so much (m,), rad."""
         return replace(self, shift=self.shift + shift, deviation=np.hypot(self.deviation, deviation))
+
+
+def instants(samples: int) -> NDArray[np.int64]:
+    """Samples (m,) after which a sensitivity is kept, evenly over so many of them."""
+    count = min(INSTANTS, samples)
+    return np.ceil(np.arange(1, count + 1) * samples / count).astype(np.int64) - 1
+
+
+def followed(problem: Problem, tested: Effects) -> tuple[dict[str, slice], Array]:
+    """Columns of each tested effect, and how far (instants, k) the angle that the observer of `problem` reports would
+    have moved by each of the instants of its record, were a coefficient included, rad per SI unit.
+
+    Raises ModelError as `Observer` does.
+    """
+    record, settings = problem.record, problem.settings
+    including = replace(settings, effects={**settings.effects, **tested})
+    observer = Observer(problem.device, including, problem.controller, watched=len(tested))
+    columns: dict[str, slice] = {}
+    k = 0
+    for _, effect in observer.effects[observer.carried :]:
+        columns[effect.name] = slice(k, k := k + len(effect.coefficients))
+    z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
+    observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
+    delta, turned = np.zeros((observer.states + len(observer.active), k)), np.zeros(k)
+    kept, gaps = (instants(len(record)) + 1).tolist(), record.gaps
+    added = {} if gaps is None else dict(zip((gaps.last + 1).tolist(), gaps.spread, strict=True))
+    course = np.zeros((len(kept), k))
+    for begin, end in pairwise([0, *sorted({*kept, *added})]):
+        stop_if_abandoned()
+        rows, read = slice(begin, end), slice(np.searchsorted(kept, end), np.searchsorted(kept, end, side="right"))
+        scan_block(
+            observer,
+            Portion(z[rows], u[rows], h[rows], warmth[rows], np.zeros(end - begin, OUTPUT)),
+            Signatures(delta, np.inf, np.zeros((0, k + 2)), turned, course[read]),
+        )
+        if end in added:
+            observer.unsettle(added[end])
+    return columns, course / observer.factors[len(observer.names) - k :]

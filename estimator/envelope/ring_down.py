@@ -20,7 +20,8 @@ from estimator.envelope.record import DECIBEL, Envelope, Resonator
 from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.trace.axes import equations_on
-from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows, Size
+from estimator.trace.likelihood import Size
+from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows
 from estimator.trace.problem import Effects
 
 FLOOR = "noise_floor"
@@ -46,7 +47,7 @@ class Taken:
     plausible: float
     factor: float
     power: int
-    undone: str
+    compensation: str
     look_alikes: Mapping[str, str] = field(default_factory=dict)
     law: Law | None = None
     signals: tuple[()] = ()
@@ -60,7 +61,7 @@ def all_taken(resonator: Resonator) -> dict[str, Taken]:
         name: Taken(
             law.effect.title, (*equations_on(law.effect, 1), law.equation),
             (Size(law.coefficient.name, law.coefficient.unit, law.coefficient.positive),), law.coefficient.plausible,
-            scaling.coefficient(law.coefficient), 1 + law.coefficient.time, law.effect.undone.value,
+            scaling.coefficient(law.coefficient), 1 + law.coefficient.time, law.effect.compensation.value,
             law.effect.look_alikes, law,
         )
         for name, law in laws(resonator.device.own).items()

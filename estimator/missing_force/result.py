@@ -12,10 +12,12 @@ from estimator.scaling import Array
 
 @dataclass(frozen=True)
 class FormTerm:
-    """A term of the form: as each axis has it ("q³", "r² v"), whether it is sensed and does not push, its coefficients
-    with their 95 % intervals by name (`x`, `y`, or `both`; of a line with `cos` or `sin` before), the number inside
-    it that came from the record (a gap, a limit, a frequency), by name, and what one of each coefficient adds along x
-    and y in the grammar of [effects.custom]: none for a term that has a memory.
+    """A term of the form: how it is written, whether it is sensed and does not push, its coefficients with their 95 %
+    intervals, the number inside it that came from the record (a gap, a limit, a frequency), by name.
+
+    Of a law of the library ("p² v", "|r| r") coefficients are named by axis (`x`, `y`, or `both`; of a wave with `cos`
+    or `sin` before), and `laws` has what one of each adds along x and y in the grammar of [effects.custom].  Else
+    `effect` is the name of one of the catalogue, whose coefficients these are.
     """
 
     form: str
@@ -23,6 +25,7 @@ class FormTerm:
     coefficients: Mapping[str, Interval]
     threshold: Mapping[str, Interval]
     laws: Mapping[str, tuple[str, str]]
+    effect: str = ""
 
 
 @dataclass(frozen=True)

@@ -9,12 +9,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_discrete_lyapunov
+from scipy.linalg import schur, solve_discrete_lyapunov
+from scipy.signal import lfilter
 
 from estimator.errors import ModelError
 from estimator.missing_force.latent import HARMONICS, PARTS, Augmented, Latent, augmented
-from estimator.missing_force.linear import Linear, jumps
-from estimator.missing_force.passes import Settled
+from estimator.missing_force.linear import Linear
 from estimator.scaling import Array
 
 _LEAST = 1e-14  # variance of a part that is not there, scaled
@@ -23,9 +23,8 @@ _CYCLES = (4.0, 16.0, 64.0)
 _COMPARED = 2_000  # samples of each of the stretches by which variances are chosen
 _STRETCHES = 3
 _DOUBLINGS = 60
-_BLOCK = 200_000  # samples that are smoothed at a time
-_BESIDE = 40.0  # cycles that blocks overlap by on either side
-_STARTS = 3
+_BEGINS = 40.0  # cycles that tell how a record begins
+_FILLED = 8  # times that predictions take the place of lost samples: each is as far off as the gain, of the last
 _BALANCE = 5.0  # by which the axes' variances are changed against one another
 _SAFE = 4.0
 """Times the variance that the likelihood says: a force that comes and goes is small for most of the time."""
@@ -33,20 +32,14 @@ _SAFE = 4.0
 
 @dataclass(frozen=True, eq=False)
 class Smoothed:
-    """Scaled, at every sample: motion (n, states) as [x, ẋ, y, ẏ], missing force (n, axes); their standard deviations
-    (states,), (axes,); the latent force that was assumed.
+    """Scaled, at every sample: motion (n, states) as [x, ẋ, y, ẏ], missing force (n, axes); the standard deviations
+    (axes,) of the force; the latent force that was assumed.
     """
 
     motion: Array
     force: Array
-    motion_deviation: Array
     force_deviation: Array
     latent: Latent
-
-    @property
-    def rms(self) -> float:
-        """Of the force, what is not known of it included: √⟨f̂² + σ²⟩ over both axes."""
-        return float(np.sqrt(np.mean(self.force**2) + np.mean(self.force_deviation**2)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,29 +87,54 @@ def _covariance(transition: Array, seen: Array, noise: Array, seen_noise: Array)
 def _pass(
     linear: Linear, settled: _Settled, added: Array, start: Array, rows: slice, *, smooth: bool
 ) -> tuple[Array, Array]:
-    over = Settled(
-        transition=settled.parts.transition, by_rate=linear.by_rate, turning=linear.turning[rows], added=added[rows],
-        sense=linear.sense[rows] - linear.offset, seen=settled.parts.seen, gain=settled.gain, start=start,
-        weight=np.asarray(np.linalg.inv(settled.spread), dtype=float), covariance=settled.covariance,
-    )  # fmt: skip
-    over.forward()
-    if smooth:
-        over.backward()
-    return over.states, over.innovation
+    """States (n, m) as predicted, or as smoothed (Bryson and Frazier), and innovations (n, axes), 0 where a sample is
+    lost: there the prediction stands for it.
+    """
+    seen, own = settled.parts.seen, linear.sense[rows] - linear.offset
+    carried = settled.parts.transition @ settled.gain
+    closed = settled.parts.transition - carried @ seen
+    there = np.isfinite(own)
+    sense = np.where(there, own, 0.0)
+    for _ in range(1 if there.all() else _FILLED):
+        entered = np.zeros((len(own), len(start)))
+        entered[:, : linear.states] = added[rows]
+        entered[1:] += sense[:-1] @ carried.T
+        entered[0] = start
+        states = _through(closed, entered)
+        sense = np.where(there, own, states @ seen.T)
+    innovation = sense - states @ seen.T
+    if not smooth:
+        return states, innovation
+    told = (innovation @ np.linalg.inv(settled.spread)) @ seen
+    return states + _through(closed.T, told[::-1])[::-1] @ settled.covariance, innovation
+
+
+def _through(step: Array, entered: Array) -> Array:
+    """x (n, m) with x[k] = step x[k − 1] + entered[k], state by state of the triangle that `step` is (Schur): a mode of
+    the force may be as good as one of the motion, and eigenvectors would be none.
+    """
+    triangle, basis = schur(step, output="complex")
+    inputs = (entered @ basis.conj()).T
+    states = np.zeros_like(inputs)
+    for k in reversed(range(len(step))):
+        inputs[k, 1:] += triangle[k, k + 1 :] @ states[k + 1 :, :-1]
+        states[k] = lfilter([1.0], [1.0, -triangle[k, k]], inputs[k])
+    return np.asarray(np.real(states.T @ basis.T))
 
 
 def _start(linear: Linear, settled: _Settled, added: Array, first: int, length: int) -> Array:
-    """The prediction of sample `first`: what smoothing finds there, begun with what it found."""
-    x = np.zeros(len(settled.gain))
-    seen = np.nan_to_num(linear.sense[first] - linear.offset)
-    x[np.arange(linear.axes) * 2] = seen
-    for _ in range(_STARTS):
-        states, _ = _pass(linear, settled, added, x, slice(first, first + length), smooth=True)
-        x = states[0].copy()
+    """The prediction of sample `first`: the motion from which the innovations of so many samples are least."""
+    rows, x = slice(first, first + length), np.zeros(len(settled.gain))
+    _, innovation = _pass(linear, settled, added, x, rows, smooth=False)
+    closed = settled.parts.transition @ (np.eye(len(x)) - settled.gain @ settled.parts.seen)
+    entered = np.zeros((linear.states, len(innovation), len(x)))
+    entered[range(linear.states), 0, range(linear.states)] = 1.0
+    shown = np.stack([(_through(closed, one) @ settled.parts.seen.T).ravel() for one in entered], axis=1)
+    x[: linear.states] = np.linalg.lstsq(shown, innovation.ravel(), rcond=None)[0]
     return x
 
 
-def _likelihood(linear: Linear, latent: Latent, added: Array, force_noise: float, stretches: Sequence[slice]) -> float:
+def _likelihood(linear: Linear, latent: Latent, force_noise: float, stretches: Sequence[slice]) -> float:
     """Twice the log-likelihood of these rows, but for a constant."""
     try:
         settled = _settled(linear, latent, force_noise)
@@ -125,8 +143,8 @@ def _likelihood(linear: Linear, latent: Latent, added: Array, force_noise: float
     cycle = int(2.0 * np.pi / linear.step)
     total = 0.0
     for rows in stretches:
-        x = _start(linear, settled, added, rows.start, min(10 * cycle, rows.stop - rows.start))
-        _, innovation = _pass(linear, settled, added, x, rows, smooth=False)
+        x = _start(linear, settled, linear.driven, rows.start, min(10 * cycle, rows.stop - rows.start))
+        _, innovation = _pass(linear, settled, linear.driven, x, rows, smooth=False)
         innovation = innovation[min(4 * cycle, len(innovation) // 4) :]
         innovation = innovation[np.any(innovation != 0.0, axis=1)]
         weighed = np.sum((innovation @ np.linalg.inv(settled.spread)) * innovation)
@@ -134,27 +152,22 @@ def _likelihood(linear: Linear, latent: Latent, added: Array, force_noise: float
     return total if np.isfinite(total) else -np.inf
 
 
-def chosen(
-    linear: Linear, known: Array | None, force_noise: float, *, rows: slice | None = None, begin: Latent | None = None
-) -> Latent:
-    """The latent force with the largest likelihood of stretches of `rows`, one part after another; from `begin` on,
-    where given.
-    """
-    rows = slice(0, len(linear.sense)) if rows is None else rows
-    length = min(_COMPARED, (rows.stop - rows.start) // _STRETCHES)
-    firsts = np.linspace(rows.start, rows.stop - length, _STRETCHES).astype(int).tolist()
+def chosen(linear: Linear, force_noise: float) -> Latent:
+    """The latent force with the largest likelihood of some stretches, one part after another."""
+    samples = len(linear.sense)
+    length = min(_COMPARED, samples // _STRETCHES)
+    firsts = np.linspace(0, samples - length, _STRETCHES).astype(int).tolist()
     stretches = [slice(first, first + length) for first in firsts]
-    added = linear.driven if known is None else linear.driven + known
     reached: dict[Latent, float] = {}
 
     def worth(latent: Latent) -> float:
         if latent not in reached:
-            reached[latent] = _likelihood(linear, latent, added, force_noise, stretches)
+            reached[latent] = _likelihood(linear, latent, force_noise, stretches)
         return reached[latent]
 
     frequency = float(np.sqrt(max(_stiffness(linear), 0.01)))
-    best = begin or Latent((1e-7, *(1e-6 for _ in HARMONICS), 1e-7), _CYCLES[1], frequency)
-    for step in _STEPS[1:] if begin else _STEPS:
+    best = Latent((1e-7, *(1e-6 for _ in HARMONICS), 1e-7), _CYCLES[1], frequency)
+    for step in _STEPS:
         for _ in range(4):
             before = best
             for part in range(PARTS):
@@ -199,21 +212,13 @@ def smooth(linear: Linear, latent: Latent, known: Array | None, force_noise: flo
     """
     settled = _settled(linear, latent.widened(_SAFE), force_noise)
     added = linear.driven if known is None else linear.driven + known
-    n, size = len(linear.sense), linear.states
-    motion, force = np.zeros((n, size)), np.zeros((n, linear.axes))
-    beside = int(_BESIDE * 2.0 * np.pi / linear.step)
-    for begin in range(0, n, _BLOCK):
-        first, last = max(begin - beside, 0), min(begin + _BLOCK + beside, n)
-        x = _start(linear, settled, added, first, min(beside, last - first))
-        states, _ = _pass(linear, settled, added, x, slice(first, last), smooth=True)
-        own = slice(begin - first, min(begin + _BLOCK, n) - first)
-        motion[begin : begin + _BLOCK] = states[own, :size]
-        force[begin : begin + _BLOCK] = states[own] @ settled.parts.force.T
+    rows = slice(0, len(linear.sense))
+    x = _start(linear, settled, added, 0, min(int(_BEGINS * 2.0 * np.pi / linear.step), rows.stop))
+    states, _ = _pass(linear, settled, added, x, rows, smooth=True)
     covariance = _smoothed_covariance(settled)
     return Smoothed(
-        motion=motion,
-        force=force,
-        motion_deviation=np.sqrt(np.maximum(np.diagonal(covariance)[:size], 0.0)),
+        motion=states[:, : linear.states],
+        force=states @ settled.parts.force.T,
         force_deviation=np.sqrt(np.maximum(np.diagonal(settled.parts.force @ covariance @ settled.parts.force.T), 0.0)),
         latent=latent,
     )
@@ -225,8 +230,3 @@ def _smoothed_covariance(settled: _Settled) -> Array:
     loop = settled.parts.transition @ (np.eye(len(p)) - settled.gain @ seen)
     information = solve_discrete_lyapunov(loop.T, seen.T @ np.linalg.inv(settled.spread) @ seen)
     return np.asarray(p - p @ information @ p)
-
-
-def euler(linear: Linear, motion: Array) -> Array:
-    """What the changes of the rate add, along a motion (n, states)."""
-    return jumps(motion, linear.rate) if linear.axes == 2 else np.zeros((len(motion), 2))

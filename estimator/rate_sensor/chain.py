@@ -15,7 +15,7 @@ from estimator.rate_sensor.catalogue import EFFECTS, effect_for
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
-from estimator.trace.checks import Check
+from estimator.trace.likelihood import Check
 from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows
 from estimator.trace.problem import Effects
 from estimator.trace.search import FORBIDDEN

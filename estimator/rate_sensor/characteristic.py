@@ -6,13 +6,9 @@ from estimator.core.series import play
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
-from estimator.trace.output_error import Size
+from estimator.trace.likelihood import Size
 
 _LARGEST = 0.5  # of the range, the largest deviation at full scale that is still a sensor
-
-
-def _small(record: SensorRecord, declared: Range) -> tuple[tuple[float, ...], ...]:
-    return ((0.0,),)
 
 
 def _fraction(record: SensorRecord, declared: Range) -> tuple[tuple[float, float], ...]:
@@ -26,10 +22,9 @@ QUADRATIC = Effect(
     coefficients=(Size("q", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * rate**2 / declared.rate,
-    starts=_small,
     bounds=_fraction,
     source="IEEE Std 1431, even-order nonlinearity of the scale factor",
-    undone="the curve is inverted",
+    compensation="the curve is inverted",
     look_alikes={"scale_asymmetry": "more rates between zero and full scale"},
 )
 
@@ -40,10 +35,9 @@ CUBIC = Effect(
     coefficients=(Size("c", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * rate**3 / declared.rate**2,
-    starts=_small,
     bounds=_fraction,
     source="IEEE Std 1431, odd-order nonlinearity of the scale factor",
-    undone="the curve is inverted",
+    compensation="the curve is inverted",
     look_alikes={"saturation": "rates beyond the range: a limit is flat, a cubic turns over"},
 )
 
@@ -54,10 +48,9 @@ SCALE_ASYMMETRY = Effect(
     coefficients=(Size("a", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * np.abs(rate),
-    starts=_small,
     bounds=_fraction,
     source="IEEE Std 1431, asymmetry error",
-    undone="the curve is inverted",
+    compensation="the curve is inverted",
     look_alikes={"quadratic": "more rates between zero and full scale"},
 )
 
@@ -76,7 +69,7 @@ DEAD_BAND = Effect(
     starts=lambda record, declared: ((0.01 * declared.rate,), (0.1 * declared.rate,)),
     bounds=lambda record, declared: ((0.0, 0.5 * declared.rate),),
     source="IEEE Std 1431, dead band",
-    undone="nothing: within the band the rate is not in the record",
+    compensation="nothing: within the band the rate is not in the record",
     look_alikes={"hysteresis": "approach the same rate from both sides"},
 )
 
@@ -92,7 +85,7 @@ HYSTERESIS = Effect(
     bounds=lambda record, declared: ((0.0, 0.5 * declared.rate),),
     path_dependent=True,
     source="IEEE Std 1431, hysteresis error; the play operator of Krasnosel'skii & Pokrovskii, 1989",
-    undone="nothing: depends on the past of the rate",
+    compensation="nothing: depends on the past of the rate",
     look_alikes={"dead_band": "approach the same rate from both sides"},
 )
 
@@ -120,7 +113,7 @@ SATURATION = Effect(
     starts=_limits,
     bounds=_limit_bounds,
     source="output stage at its limits; the data sheet's range ends before",
-    undone="nothing: beyond the limits the rate is not in the record; samples there are to be flagged",
+    compensation="nothing: beyond the limits the rate is not in the record; samples there are to be flagged",
     look_alikes={"cubic": "rates beyond the range: a limit is flat, a cubic turns over"},
 )
 
@@ -155,7 +148,7 @@ SOFT_SATURATION = Effect(
         (1e-3 * declared.volts, 0.3 * declared.volts),
     ),
     source="output stage whose transistors leave their linear range one after the other",
-    undone="the curve is inverted up to its limits; beyond them the rate is not in the record",
+    compensation="the curve is inverted up to its limits; beyond them the rate is not in the record",
     generalises=("saturation",),
     look_alikes={"saturation": "rates close to the limit", "cubic": "rates beyond the range"},
 )
@@ -179,7 +172,7 @@ FOLD_BACK = Effect(
     # Its turning point may lie between the rates of a record.
     bounds=lambda record, declared: (*_limit_bounds(record, declared, 0.25), (0.0, 3.0)),
     source="overload of the demodulator or of the closed loop: the gain changes its sign; IEEE Std 1431, input limits",
-    undone="nothing: one voltage is that of two rates",
+    compensation="nothing: one voltage is that of two rates",
     generalises=("saturation",),
     look_alikes={"saturation": "rates far beyond the limit", "cubic": "rates far beyond the limit"},
 )

@@ -11,7 +11,7 @@ from enum import IntEnum
 
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
-from estimator.trace.output_error import Size
+from estimator.trace.likelihood import Size
 
 
 class Stage(IntEnum):
@@ -59,10 +59,10 @@ class Effect:
     coefficients: tuple[Size, ...]
     stage: Stage
     act: Act
-    starts: Starts
     bounds: Callable[[SensorRecord, Range], tuple[tuple[float, float], ...]]
     source: str
-    undone: str
+    compensation: str
+    starts: Starts = lambda record, declared: ((0.0,),)
     needs: str = ""
     look_alikes: Mapping[str, str] = field(default_factory=dict)
     transient: Transient | None = None

@@ -9,7 +9,7 @@ from scipy.signal import butter, cont2discrete, filtfilt, lfilter, ss2tf
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
-from estimator.trace.output_error import Size
+from estimator.trace.likelihood import Size
 
 _SHARE = 0.1  # of the record, the slowest response that it tells of
 _SAMPLES = 4.0  # the same at least, of a record of few samples
@@ -112,7 +112,7 @@ LAG = Effect(
     bounds=_up_to_longest,
     transient=_decay,
     source="output filter of one pole",
-    undone="the lag is inverted, at the cost of noise",
+    compensation="the lag is inverted, at the cost of noise",
     needs="time",
     look_alikes={"delay": "faster changes of the rate", "second_order": "faster changes of the rate"},
 )
@@ -130,7 +130,7 @@ SECOND_ORDER = Effect(
     bounds=lambda record, declared: ((0.1 / _longest(record), 0.5 / _step(record)), (0.05, 5.0)),
     transient=_ring,
     source="bandwidth of a vibrating sensor, its demodulator and filter; IEEE Std 1431",
-    undone="the filter is inverted, at the cost of noise",
+    compensation="the filter is inverted, at the cost of noise",
     needs="time",
     generalises=("lag",),
     look_alikes={"lag": "faster changes of the rate"},
@@ -158,7 +158,7 @@ DELAY = Effect(
     bounds=_up_to_longest,
     reaches=lambda c: float(c[0]),
     source="transport through a digital output",
-    undone="the estimate is predicted over it",
+    compensation="the estimate is predicted over it",
     needs="time",
     generalises=("lag",),
     look_alikes={"lag": "faster changes of the rate"},
@@ -192,7 +192,7 @@ MOVING_MEAN = Effect(
     bounds=_up_to_longest,
     reaches=lambda c: float(c[0]),
     source="digital output that averages: a comb filter of first order; Hogenauer 1981",
-    undone="nothing: its zeros take rates at multiples of 1/T out of the record",
+    compensation="nothing: its zeros take rates at multiples of 1/T out of the record",
     needs="time",
     look_alikes={"lag": "faster changes of the rate", "delay": "faster changes of the rate"},
 )
@@ -215,7 +215,7 @@ REFERENCE_LAG = Effect(
     starts=lambda record, declared: _times(record, 1.0),
     bounds=_up_to_longest,
     source="a reference that is a sensor has a bandwidth of its own",
-    undone="nothing to undo in the sensor",
+    compensation="nothing to undo in the sensor",
     needs="time",
     look_alikes={"lag": "a faster reference"},
 )
@@ -241,7 +241,6 @@ REFERENCE_NOISE = Effect(
     starts=lambda record, declared: ((0.1 / _step(record),), (0.2 / _step(record),)),
     bounds=lambda record, declared: ((0.01 / _step(record), 0.49 / _step(record)),),
     source="errors in variables: what the reference reads above f_r is not rotation",
-    undone="nothing to undo in the sensor",
+    compensation="nothing to undo in the sensor",
     needs="time",
-    look_alikes={},
 )

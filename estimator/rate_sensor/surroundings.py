@@ -2,19 +2,15 @@
 
 import numpy as np
 
-from estimator.rate_sensor.declaration import Effect, Range, Stage
+from estimator.rate_sensor.declaration import Effect, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
-from estimator.trace.output_error import Size
+from estimator.trace.likelihood import Size
 
 
 def _warmth(record: SensorRecord) -> Array:
     assert record.temperature is not None  # effects of temperature need its channel
     return np.asarray(record.temperature - np.mean(record.temperature))
-
-
-def _zero(record: SensorRecord, declared: Range) -> tuple[tuple[float, ...], ...]:
-    return ((0.0,),)
 
 
 DRIFT = Effect(
@@ -24,10 +20,9 @@ DRIFT = Effect(
     coefficients=(Size("r", "V/s"),),
     stage=Stage.SURROUNDINGS,
     act=lambda volts, c, record, declared: c[0] * (record.time - np.mean(record.time)),
-    starts=_zero,
     bounds=lambda record, declared: ((-declared.volts, declared.volts),),
     source="IEEE Std 1431, drift rate ramp",
-    undone="the offset is estimated again and again",
+    compensation="the offset is estimated again and again",
     needs="time",
     look_alikes={"temperature_offset": "keep the temperature, or change it both ways"},
 )
@@ -39,10 +34,9 @@ TEMPERATURE_OFFSET = Effect(
     coefficients=(Size("b", "V/K"),),
     stage=Stage.SURROUNDINGS,
     act=lambda volts, c, record, declared: c[0] * _warmth(record),
-    starts=_zero,
     bounds=lambda record, declared: ((-declared.volts, declared.volts),),
     source="IEEE Std 1431, bias temperature sensitivity",
-    undone="the offset follows the temperature channel",
+    compensation="the offset follows the temperature channel",
     needs="temperature",
     look_alikes={"drift": "keep the temperature, or change it both ways"},
 )
@@ -54,9 +48,8 @@ TEMPERATURE_SCALE = Effect(
     coefficients=(Size("s", "1/K"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * _warmth(record) * rate,
-    starts=_zero,
     bounds=lambda record, declared: ((-0.1, 0.1),),
     source="IEEE Std 1431, scale factor temperature sensitivity",
-    undone="the scale factor follows the temperature channel",
+    compensation="the scale factor follows the temperature channel",
     needs="temperature",
 )

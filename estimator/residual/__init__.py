@@ -1,1 +1,1 @@
-"""What the innovation of an observer still holds: its noise floor, lines, dependences, and whom they point at."""
+"""What an innovation still holds: its noise floor, its memory, its lines."""

@@ -94,19 +94,13 @@ def repeated_noise(sense: Array, drive: Array) -> Array | None:
 
 def _period(drive: Array) -> int | None:
     """Samples after which the drive comes back exactly, for the rest of the record; None where it does not."""
-    n = len(drive)
-    size = float(np.sqrt(np.mean(drive**2)))
-    if size == 0.0 or n < 2 * _SET.pattern:
+    n, length = len(drive), 2 * len(drive)
+    squares = np.concatenate([[0.0], np.cumsum(np.sum(drive**2, axis=1))])
+    if squares[-1] == 0.0 or n < 2:
         return None
-    # Where does a stretch around the largest drive of the second half come back before?
-    late = n // 2 + int(np.argmax(np.abs(drive[n // 2 :, 0])))
-    start = min(late, n - _SET.pattern)
-    places = np.arange(start)
-    for offset in range(_SET.pattern):
-        near = np.all(np.abs(drive[places + offset] - drive[start + offset]) < _SET.similar * size, axis=1)
-        places = places[near]
-    for place in places[::-1][: _SET.places]:
-        lag = start - int(place)
-        if np.mean((drive[lag:] - drive[:-lag]) ** 2) < (_SET.periodic * size) ** 2:
-            return lag
-    return None
+    both = np.sum(np.fft.irfft(np.abs(np.fft.rfft(drive, length, axis=0)) ** 2, length, axis=0), axis=1)
+    lags = np.arange(1, n // 2 + 1)
+    # What is left of the drive where it is taken from itself so much later, by sample.
+    left = (squares[-1] - squares[lags] + squares[n - lags] - 2.0 * both[lags]) / (n - lags)
+    same = np.flatnonzero(left < _SET.periodic**2 * squares[-1] / n)
+    return int(lags[same[0]]) if len(same) else None

@@ -16,6 +16,7 @@ from estimator.thresholds import THRESHOLDS
 _SET = THRESHOLDS.spectrum
 
 ORDERS = _SET.orders  # multiples of the resonance that are looked at, beside 0
+BAND = 1.0 / 16.0  # resonances: half width of what is shown around a multiple
 _CORRELATED = 1.94  # by how much a Hann window's bins correlate: 1 + 2 (4/9 + 1/36)
 
 
@@ -124,7 +125,7 @@ def bands(spectrum: Periodogram, sample_rate: float, resonance: float) -> tuple[
     axes = spectrum.density.shape[1]
     for order in range(ORDERS + 1):
         centre = folded(order * resonance, sample_rate)
-        inside = np.abs(spectrum.frequency - centre) <= _SET.band * resonance
+        inside = np.abs(spectrum.frequency - centre) <= BAND * resonance
         count = int(np.sum(inside))
         if count < 1:
             continue

@@ -12,9 +12,11 @@ from scipy.special import kolmogorov
 
 from estimator.chance import chi2_sf
 from estimator.scaling import Array
-from estimator.thresholds import THRESHOLDS
 
-_SET = THRESHOLDS.residual
+LAGS, LAG_CYCLES, LAG_SHARE = 10, 2.0, 8
+"""At least, in cycles of the resonance, and of the samples one in so many at most: fewer pairs tell nothing."""
+LIMITING = 20_000
+"""Ordinates from which on the limiting distribution does as well."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +30,7 @@ class Whiteness:
 
 def sensible_lags(samples: int, samples_per_cycle: float) -> int:
     """Two cycles of the resonance, at least ten lags, at most an eighth of the record."""
-    return max(1, min(max(_SET.lags, math.ceil(_SET.lag_cycles * samples_per_cycle)), samples // _SET.lag_share))
+    return max(1, min(max(LAGS, math.ceil(LAG_CYCLES * samples_per_cycle)), samples // LAG_SHARE))
 
 
 def portmanteau(series: Array, lags: int) -> Whiteness:
@@ -62,7 +64,7 @@ def cumulative_periodogram(series: Array) -> Whiteness:
     count = len(share)
     rank = np.arange(1, count + 1)
     distance = float(max(np.max(rank / count - share), np.max(share - (rank - 1) / count)))
-    if count < _SET.limiting:
+    if count < LIMITING:
         from scipy.stats import kstwo  # half a second, for short series alone
 
         p = float(kstwo.sf(distance, count))

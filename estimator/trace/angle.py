@@ -1,4 +1,4 @@
-"""What stays uncertain of the angle when the effects that were found are carried: what could not be undone.
+"""What stays uncertain of the angle when the effects that were found are carried: what could not be compensated.
 
 A coefficient is known within its interval only, and of two effects that a record cannot tell apart either may be the
 one.  The bench's own observer reads the record once for each such possibility; how far its angle moves is the bound.

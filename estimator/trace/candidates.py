@@ -15,11 +15,12 @@ from estimator.observer import senses_allow
 from estimator.scaling import Scaling
 from estimator.trace.likelihood import Evaluation
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.rings import rings
-from estimator.trace.start_values import Values, has_signals, labelled, of_lines, of_modes, of_thresholds
+from estimator.trace.start_values import Values, has_signals, labelled, of_lines, of_modes, of_thresholds, rings
 
-CORNERS = (0.001, 0.01, 0.1)
-"""Shares of the resonance at which a filter in the path may have its corner."""
+CORNERS = 2
+"""Of a filter, evenly on a logarithmic scale from one over the record's length to the resonance; and as many lags from
+a sample to a radian.  A fit goes on from there.
+"""
 SPEEDS = (0.01, 0.1)
 """Shares of the largest velocity below which a friction may be less than dry."""
 
@@ -78,7 +79,9 @@ def _starts(problem: Problem, seen: Evaluation) -> dict[Search, Values]:
     with np.errstate(invalid="ignore"):
         whitened = seen.innovation / seen.deviation
     return {
-        Search.CORNERS: labelled(CORNERS, omega0),
+        Search.CORNERS: labelled(_between(1.0 / problem.span, omega0), 1.0),
+        # The mean of a derivative over a lag is that at its half.
+        Search.LAGS: [("", (0.0,)), *labelled(_between(float(np.mean(record.step)), 1.0 / omega0), 0.5)],
         Search.SPEEDS: labelled(SPEEDS, device.amplitude * omega0),
         Search.LINES: of_lines(record, device, whitened),
         Search.MODES: of_modes(record, device, whitened),
@@ -90,11 +93,19 @@ def _starts(problem: Problem, seen: Evaluation) -> dict[Search, Values]:
     }
 
 
+def _between(least: float, most: float) -> list[float]:
+    """So many numbers between two."""
+    return [float(value) for value in np.geomspace(least, most, CORNERS + 2)[1:-1]]
+
+
 def _given(problem: Problem, effect: Effect, starts: dict[Search, Values]) -> Iterator[tuple[str, dict[str, float]]]:
     """The effect's parameters at each of its starts, with a label."""
     names = [parameter.name for parameter in effect.parameters]
     if effect.search is Search.RINGS:
         names = [coefficient.name for coefficient in effect.coefficients[:2]]
+    if effect.search is Search.LAGS:
+        here = effect.on(problem.device.axes) or effect
+        names = [coefficient.name for coefficient in here.coefficients if coefficient.bent]
     if not names:
         yield "", {}
     elif effect.search is not None:

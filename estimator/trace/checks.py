@@ -10,33 +10,20 @@ import numpy as np
 
 from estimator.chance import chi2_isf
 from estimator.scaling import Array
-from estimator.trace.fit import FittedModel
-from estimator.trace.likelihood import Evaluation, Likelihood
+from estimator.trace.fit import FittedModel, beside
+from estimator.trace.likelihood import AT_FLOOR, RARE, Check, Evaluation, Likelihood
 from estimator.trace.reference import Departure
 from estimator.trace.search import FORBIDDEN
+from estimator.written import gains
 
-AT_FLOOR = 1.1
-"""Innovation over the noise floor, rms, that a complete model may leave: what the word says."""
-RARE = 1e-4
-"""How often a check fails where all is well."""
 PRIOR = 4.5
 """Deviations of its prior that a constant may be off: a bench file is not right to the letter."""
 OF_THE_REST = ("noise floor", "disturbance")
 """Checks of what a model leaves."""
 SMALL = 1e-6
-"""Of what a record says of its constants: a direction that it says less of counts for nothing."""
+"""Of what is known beforehand, or of what a record says of its constants: what it says less of counts for nothing."""
 DISTURBANCE = 0.02
 """Share of the innovation's power that a random force may explain beside a complete model: a hundredth of the rms."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One check: its name, whether it was passed, what it saw; effect: the one that it concerns, "" for the model."""
-
-    name: str
-    passed: bool
-    sentence: str
-    effect: str = ""
 
 
 @dataclass(frozen=True)
@@ -74,7 +61,7 @@ def held_out(seen: Evidence) -> list[Check]:
         checks.append(
             Check(
                 "held out", gain > 0.0,
-                f"on the part held out, {name} gains {gain:.4g} in twice the log-likelihood", name,
+                f"on the part held out, {name} {gains(gain)}", name,
             )
         )  # fmt: skip
     return checks
@@ -132,9 +119,8 @@ def constancy(seen: Evidence) -> list[Check]:
     for name in seen.without:
         rows = layout.of(name)
         others = [k for k in range(len(layout.names)) if k not in rows]
-        taken = np.linalg.solve(information[np.ix_(others, others)], information[np.ix_(others, rows)])
+        own, taken = beside(information, rows, others)
         left = score[:, rows] - score[:, others] @ taken
-        own = information[np.ix_(rows, rows)] - information[np.ix_(rows, others)] @ taken
         inverse = np.linalg.pinv(own)
         # Of each part, the score's power over its information; a ring-down has most of that in its first parts.
         ratio = float(np.einsum("bi,ij,bj->", left, inverse, left)) / len(rows) / usual
@@ -159,18 +145,19 @@ def floor(seen: Evidence) -> list[Check]:
 
 def disturbance(seen: Evidence) -> list[Check]:
     """No nonparametric disturbance, a random force, explains a part of the innovation."""
-    ratio = (
-        seen.disturbed.scale
-        / seen.quiet.scale
-        * np.exp(2.0 * (seen.disturbed.logs.sum() - seen.quiet.logs.sum()) / seen.quiet.count.sum())
-    )
-    share = 1.0 - float(ratio)
+    return [disturbed_by(seen.quiet, seen.disturbed)]
+
+
+def disturbed_by(quiet: Evaluation, disturbed: Evaluation) -> Check:
+    """The same of two passes: with the random force that is declared, and with the one that the record asks for."""
+    more = 2.0 * (disturbed.logs.sum() - quiet.logs.sum()) / quiet.count.sum()
+    share = 1.0 - float(disturbed.scale / quiet.scale * np.exp(more))
     told = (
         f"a nonparametric disturbance explains {share:.2%} of the innovation's power"
         if np.isfinite(share)
         else "without a random force the model loses the motion"
     )
-    return [Check("disturbance", share < DISTURBANCE, told)]
+    return Check("disturbance", share < DISTURBANCE, told)
 
 
 def reference(seen: Evidence) -> list[Check]:
@@ -202,9 +189,7 @@ def agreement(model: FittedModel, evaluation: Evaluation, *, held_out: bool) -> 
     checks = []
     for name, parts, score in zip(records, information, scores, strict=True):
         total = parts.sum(axis=0)
-        prior = np.diag(model.prior_deviation[own] ** -2.0)
-        taken = np.linalg.solve(total[np.ix_(own, own)] + prior, total[np.ix_(own, shared)])
-        told = total[np.ix_(shared, shared)] - total[np.ix_(shared, own)] @ taken
+        told, taken = beside(total, shared, own, model.prior_deviation[own])
         left = score[:, shared] - score[:, own] @ taken
         off = left.sum(axis=0)
         scatter = told @ whole @ told

@@ -1,12 +1,11 @@
 """Which effects are chosen: by a search on a beginning of the record, fitted to more of it."""
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from estimator.trace.ambiguity import Member, exchanged
-from estimator.trace.checks import AT_FLOOR
 from estimator.trace.fit import FittedModel, at, finished, fit, maximise, settle
-from estimator.trace.likelihood import Likelihood
+from estimator.trace.likelihood import AT_FLOOR, Likelihood
+from estimator.trace.problem import Progress, unseen
 from estimator.trace.search import QUICK, Search, backward, forward, search, with_defaults
 
 SEARCHED = 25_000
@@ -33,7 +32,7 @@ class Chosen:
         return [name for name in self.after.model.effects if name not in self.before.model.effects]
 
 
-def choose(of: Likelihood, progress: Callable[[str, int, int], None] = lambda stage, done, total: None) -> Chosen:
+def choose(of: Likelihood, progress: Progress = unseen) -> Chosen:
     """Effects chosen on a beginning of the record and fitted to more of it."""
     searched, fitted = (of.part(slice(0, min(of.samples, most))) for most in (SEARCHED, REFINED))
     corrected = searched.following is searched
@@ -50,7 +49,7 @@ def choose(of: Likelihood, progress: Callable[[str, int, int], None] = lambda st
     return Chosen(fitted, found, before, maximise(fitted, best), groups)
 
 
-def by_free_runs(of: Likelihood, progress: Callable[[str, int, int], None]) -> Search:
+def by_free_runs(of: Likelihood, progress: Progress) -> Search:
     """Effects added by a run that nothing corrects; where it leaves more than the noise floor, from what a filter finds
     on a beginning of the record as well, and the better of both.
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.scaling import Array
-from estimator.trace.fit import FittedModel
+from estimator.trace.fit import FittedModel, beside
 from estimator.trace.likelihood import Likelihood
 from estimator.trace.problem import Effects
 from estimator.trace.score_test import Tested, tested_beside
@@ -59,9 +59,7 @@ def _exchange(
     own, rest = fitted.parted(name)
     information, score = seen.information.sum(axis=0), seen.score.sum(axis=0)
     both = [*own, *columns]
-    prior = np.diag(fitted.prior_deviation[rest] ** -2.0)
-    taken = np.linalg.solve(information[np.ix_(rest, rest)] + prior, information[np.ix_(rest, both)])
-    left = information[np.ix_(both, both)] - information[np.ix_(both, rest)] @ taken
+    left, taken = beside(information, both, rest, fitted.prior_deviation[rest])
     removed, n = fitted.removed(name), len(own)
     slope = score[columns] - left[n:, :n] @ removed
     covariance = np.linalg.inv(left[n:, n:] + np.diag(sizes**-2.0))

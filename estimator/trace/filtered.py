@@ -1,7 +1,7 @@
 """The likelihood of a driven gyro or oscillator: innovations of its filter."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -10,11 +10,14 @@ from estimator.effects.declaration import Effect
 from estimator.scaling import Array
 from estimator.trace.candidates import candidates
 from estimator.trace.examination import Examination, examine
+from estimator.trace.kept import Kept
 from estimator.trace.likelihood import (
     AT_THE_START,
+    MEDIAN_OF_SQUARE,
     Beginning,
     Evaluation,
     Layout,
+    Likelihood,
     Model,
     Noise,
     ObserverLayout,
@@ -39,11 +42,12 @@ QUIET = 1e-9
 
 
 @dataclass(frozen=True)
-class Filtered:
+class Filtered(Likelihood):
     """`Likelihood` of a problem whose motion is followed by a filter."""
 
     problem: Problem
     beginning: Beginning = AT_THE_START
+    _kept: Kept = field(default_factory=Kept, init=False, repr=False, compare=False)
 
     @property
     def effects(self) -> Effects:
@@ -65,18 +69,13 @@ class Filtered:
         """Samples of the beginning that is fitted first."""
         return FIRST
 
-    @property
-    def following(self) -> "Filtered":
-        """Itself: a filter follows the motion."""
-        return self
-
-    @property
-    def most(self) -> int:
-        """Effects beside the declared: nobody believes a fifth."""
-        return 4
-
     def part(self, rows: slice) -> "Filtered":
         """The same of these samples only."""
+        rows = slice(*rows.indices(self.samples))
+        whole = rows == slice(0, self.samples, 1)
+        return self if whole else self._kept.part((rows.start, rows.stop), lambda: self._part(rows))
+
+    def _part(self, rows: slice) -> "Filtered":
         record = self.problem.record
         first = self.beginning.temperature
         if first is None and "temperature" in record.channels:
@@ -97,16 +96,22 @@ class Filtered:
         return reach_of(self.problem) * np.array([one.plausible for one in self.effect(name).coefficients])
 
     def begun(self, layout: Layout, theta: Array, name: str, size: Array) -> Array:
-        """At the size that the score test tells, as far as the effect may be of it."""
+        """At the size that the score test tells; a corner that would be negative begins where it was tested."""
         theta = theta.copy()
-        places = layout.of(name)[: len(size)]
-        theta[places] = np.maximum(layout.mean[places] + size, layout.least[places])
+        for k, told in zip(layout.of(name), size, strict=False):
+            theta[k] = max(layout.mean[k] + told, layout.least[k])
+            if k in layout.tied and theta[k] <= 0.0:
+                theta[k] = layout.tied[k][2] / layout.factor[k]
         return theta
 
     def evaluate(
         self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
         """A pass over the record.  Raises ModelError as `Observer` does."""
+        key = (repr(model.effects), model.theta.tobytes(), model.noise, derivatives, repr(tested))
+        return self._kept.evaluation(key, lambda: self._evaluated(layout, model, derivatives, tested))
+
+    def _evaluated(self, layout: Layout, model: Model, derivatives: bool, tested: Effects | None) -> Evaluation:
         assert isinstance(layout, ObserverLayout)
         return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, tested=tested)
 
@@ -185,7 +190,7 @@ class Filtered:
         """With the sense noise of each axis as its innovations have it beside the others'."""
         seen = self.evaluate(layout, model, derivatives=False)
         with np.errstate(invalid="ignore"):
-            power = np.nanmedian((seen.innovation / seen.deviation) ** 2, axis=0) / 0.455
+            power = np.nanmedian((seen.innovation / seen.deviation) ** 2, axis=0) / MEDIAN_OF_SQUARE
         if not np.all(np.isfinite(power)) or not np.all(power > 0.0):
             return model
         share = np.sqrt(power / np.exp(np.mean(np.log(power))))

@@ -23,17 +23,25 @@ AS_EXPECTED = 0.25
 """Share of the expected rise, below which a step was too long, and as much short of all, beyond which it was not."""
 
 
+def beside(information: Array, own: list[int], others: list[int], prior: Array | None = None) -> tuple[Array, Array]:
+    """Information (o, o) of parameters `own` where `others` are free, and by how much (m, o) those give way to one of
+    each: the Schur complement.  prior (m,): deviations of the others that `information` does not have.
+    """
+    free = information[np.ix_(others, others)]
+    taken = np.linalg.solve(free if prior is None else free + np.diag(prior**-2.0), information[np.ix_(others, own)])
+    return np.asarray(information[np.ix_(own, own)] - information[np.ix_(own, others)] @ taken), np.asarray(taken)
+
+
 @dataclass(frozen=True)
 class FittedModel:
-    """A model at its top: layout of its parameters, the pass there, the penalised log-likelihood; converged: whether
-    the last step expected no more; damping: that of the next step.
+    """A model at its top: layout of its parameters, the pass there, the penalised log-likelihood; damping: that of the
+    next step.
     """
 
     layout: Layout
     model: Model
     evaluation: Evaluation
     objective: float
-    converged: bool
     damping: float = 0.0
 
     @property
@@ -127,10 +135,9 @@ class FittedModel:
 
     def _loss(self, name: str) -> tuple[float, Array]:
         """Of the sum of squares, over the noise that is left, without an effect; and the parameters then."""
-        (own, rest), removed, information = self.parted(name), self.removed(name), self.posterior_information
-        taken = np.linalg.solve(information[np.ix_(rest, rest)], information[np.ix_(rest, own)])
-        left = information[np.ix_(own, own)] - np.diag(self.prior_deviation[own] ** -2.0)
-        left = left - information[np.ix_(own, rest)] @ taken
+        (own, rest), removed = self.parted(name), self.removed(name)
+        left, taken = beside(self.posterior_information, own, rest)
+        left = left - np.diag(self.prior_deviation[own] ** -2.0)
         theta = self.model.theta.copy()
         theta[rest] -= taken @ removed
         return max(float(removed @ left @ removed), 0.0), theta
@@ -151,7 +158,7 @@ class FittedModel:
 def at(of: Likelihood, layout: Layout, model: Model) -> FittedModel:
     """A model where it stands."""
     evaluation = of.evaluate(layout, model)
-    return FittedModel(layout, model, evaluation, _penalised(layout, model, evaluation), converged=False)
+    return FittedModel(layout, model, evaluation, _penalised(layout, model, evaluation))
 
 
 def _penalised(layout: Layout, model: Model, evaluation: Evaluation) -> float:
@@ -176,7 +183,7 @@ def maximise(of: Likelihood, start: FittedModel, passes: int = PASSES, rise: flo
         step = theta - now.model.theta
         expected = float(score @ step - 0.5 * step @ information @ step)
         if expected < rise:
-            return replace(now, converged=damping == 0.0, damping=damping)
+            break
         moved = at(of, now.layout, replace(now.model, theta=theta))
         risen = moved.objective - now.objective
         if risen > 0.0:

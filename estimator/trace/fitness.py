@@ -1,9 +1,10 @@
-"""Whether a record can be traced at all; where not, what to record instead."""
+"""Whether a record can be traced at all, and up to where; where not, what to record instead."""
 
 import math
 
 import numpy as np
 
+from estimator.chance import chi2_isf
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.residual.spectrum import summed_power
@@ -12,6 +13,7 @@ from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.fitness
+_STRETCHES = 200  # at the end of the scale: the median of so many no longer changes
 
 
 def require_traceable(record: Record, device: Device, split: int) -> None:
@@ -71,7 +73,7 @@ def _strongest(sense: Array, rate: float) -> float:
     """Frequency [Hz] of the largest line over all channels, 0 where none holds much of the power."""
     power = summed_power(sense)
     peak = int(np.argmax(power))
-    bins = _SET.line_bins
+    bins = 2  # to either side: the lobe of a Hann window
     lobe = float(np.sum(power[max(peak - bins, 0) : peak + bins + 1]))
     return peak * rate / len(sense) if lobe > _SET.line_share * float(np.sum(power)) else 0.0
 
@@ -136,7 +138,7 @@ def reached_at_speed(values: Array, code: float) -> bool:
     first, after = np.flatnonzero(np.diff(at_top)).reshape(-1, 2).T
     beyond = []
     fewest, most = _SET.before_stretch
-    for begin, end in zip(first[: _SET.stretches], after[: _SET.stretches], strict=True):
+    for begin, end in zip(first[:_STRETCHES], after[:_STRETCHES], strict=True):
         before = min(max(end - begin, fewest), most)
         if begin >= before:
             parabola = np.polyfit(np.arange(-before, 0), values[begin - before : begin] - top, 2)
@@ -153,3 +155,29 @@ def _require_excitation(record: Record, device: Device) -> None:
             f"{np.max(noise):.3g} {device.sense_unit}; "
             "record with the drive on, or ring the mass down"
         )
+
+
+def moves_until(record: Record, device: Device) -> int:
+    """How many samples of a free response show a motion that comes to rest, which tells no more of what stopped it: up
+    to the last stretch of some cycles of the declared resonance that shows more than the declared noise about one
+    value, in which it stops.  All where a drive acts, and where it moves to the end.
+
+    Where nothing moves, the sum of squares of n samples over the variance of the noise is χ² of n − 1 degrees.
+    """
+    samples = len(record)
+    if np.any(record.drive) or device.target <= 0.0:
+        return samples
+    period = 2.0 * math.pi / math.sqrt(device.target)
+    length = max(round(_SET.rest * period / float(np.median(record.step))), 2)
+    stretches = samples // length
+    last = -1
+    for series, noise in zip(record.sense.T, device.noise, strict=True):
+        rows = series[: stretches * length].reshape(stretches, length)
+        seen = np.sum(np.isfinite(rows), axis=1)
+        mean = np.nansum(rows, axis=1) / np.maximum(seen, 1)
+        squares = np.nansum((rows - mean[:, None]) ** 2, axis=1) / noise**2
+        chance = THRESHOLDS.criterion.chance / max(stretches, 1)
+        least = np.array([chi2_isf(chance, float(max(count - 1, 1))) for count in seen])
+        moving = np.flatnonzero(squares > least)
+        last = int(np.max(moving, initial=last))
+    return samples if last >= stretches - 1 else max(last, 0) * length

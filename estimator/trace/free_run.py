@@ -23,10 +23,12 @@ from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
 from estimator.simulation import REMEMBERED, simulate
 from estimator.trace.candidates import candidates
-from estimator.trace.checks import AT_FLOOR, RARE
 from estimator.trace.examination import Examination, examine
 from estimator.trace.filtered import ROUGH, Filtered
+from estimator.trace.fit import PASSES
 from estimator.trace.likelihood import (
+    AT_FLOOR,
+    RARE,
     Beginning,
     Evaluation,
     Layout,
@@ -45,8 +47,6 @@ HALF_TURN = np.pi
 """Phase over which a wrong stiffness has not lost count of the cycles: so long is what is fitted first."""
 FEWEST = 64
 """Samples of that, at least."""
-ROUNDS = 8
-"""Of Gauss and Newton, for the start of a part: a linear model takes one."""
 BLIND = 1e-9
 """Of the largest singular value, below which a part says nothing of a direction of its start."""
 
@@ -133,9 +133,9 @@ class FreeRun(Filtered):
         """Effects beside the declared: measured mechanisms have several."""
         return 6
 
-    def part(self, rows: slice) -> "FreeRun":
-        """The same of these samples only; behind the beginning, a part that is not fitted."""
-        part = super().part(rows)
+    def _part(self, rows: slice) -> "FreeRun":
+        """Behind the beginning, a part that is not fitted."""
+        part = super()._part(rows)
         return replace(self, problem=part.problem, beginning=part.beginning, fitted=self.fitted and not rows.start)
 
     @property
@@ -167,6 +167,12 @@ class FreeRun(Filtered):
     def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
         """The run's error over the noise that is declared, rms."""
         return float(np.sqrt(np.nanmean((held_out.innovation / np.asarray(self.problem.device.noise)) ** 2)))
+
+    def chance(self, held_out: Evaluation) -> float:
+        """A run's error remembers, so that few samples of it are independent."""
+        left = held_out.innovation[np.all(np.isfinite(held_out.innovation), axis=1)]
+        worth = sum(effective_samples(column) for column in left.T) if len(left) else 1.0
+        return float(np.sqrt(chi2_isf(RARE, worth) / worth))
 
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """The whole catalogue beside a model, with what depends on the way that the mass came."""
@@ -211,10 +217,7 @@ class FreeRun(Filtered):
         share = float(np.mean([effective_samples(column) / len(column) for column in told]))
         return replace(model, noise=replace(model.noise, independent=share))
 
-    def evaluate(
-        self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
-    ) -> Evaluation:
-        """A free run over the record.  Raises ModelError as `Observer` does."""
+    def _evaluated(self, layout: Layout, model: Model, derivatives: bool, tested: Effects | None) -> Evaluation:
         assert isinstance(layout, StartLayout)
         stop_if_abandoned()
         slips = {name: given for name, given in (tested or {}).items() if self.effect(name).slips}
@@ -226,14 +229,15 @@ class FreeRun(Filtered):
             own = len(layout.names) - len(layout.searched) if derivatives else 0
             rows = np.column_stack([rows[:, :-2], way.over_all()[:, own:-2], rows[:, -2:]])
             names = (*names, *way.names[len(layout.names) if derivatives else 0 :])
-        if derivatives and layout.searched:
+        if derivatives and layout.by_difference:
             with np.errstate(invalid="ignore"):  # a run that is lost has no derivative
                 shifted = [
                     (_Run(self, layout, moved, derivatives=False, tested={}).over_all()[:, 0] - rows[:, -2]) / step
                     for moved, step in layout.shifted(model)
                 ]
-            first = len(layout.index)
-            rows = np.column_stack([rows[:, :first], *shifted, rows[:, first:]])
+            for place, column in zip(layout.by_difference, shifted, strict=True):
+                rest = rows[:, place + (place in layout.tied) :]
+                rows = np.column_stack([rows[:, :place], column, rest])
         return self._summed(run, names, rows, model.noise.independent)
 
     def _summed(self, run: "_Run", names: tuple[str, ...], rows: Array, share: float) -> Evaluation:
@@ -250,15 +254,6 @@ class FreeRun(Filtered):
             names, sums.score, sums.information, sums.power, sums.logs, sums.count,
             innovation * volts, np.exp(rows[:, -1]).reshape(-1, axes) * np.abs(volts), share,
         )  # fmt: skip
-
-
-def chance_of(held_out: Evaluation) -> float:
-    """By how much more than the noise floor noise alone leaves of a part held out, rarely, rms: a run's error
-    remembers, so that few samples of it are independent.
-    """
-    left = held_out.innovation[np.all(np.isfinite(held_out.innovation), axis=1)]
-    worth = sum(effective_samples(column) for column in left.T) if len(left) else 1.0
-    return float(np.sqrt(chi2_isf(RARE, worth) / worth))
 
 
 def remembers(effect: Effect) -> bool:
@@ -348,7 +343,7 @@ class _Run:
         given = np.concatenate([layout.mean[own], start[rows_of]])
         now = np.concatenate([self.model.theta[own], start[rows_of]])
         nearest, least = now, np.inf
-        for _ in range(ROUNDS):
+        for _ in range(PASSES):
             rows = self._run(record, before, self._begin(start, now), layout.index[own], -1, {})
             told = rows[~np.isnan(rows[:, -1])]
             off = (now - given) / deviation

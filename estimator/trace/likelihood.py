@@ -5,36 +5,47 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.core.following import Portion, Signatures, scan_block
-from estimator.core.layout import OUTPUT
+from estimator.core.likelihood import Pass, Samples
+from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect, Parameter, name_of
+from estimator.effects.labels import kind
 from estimator.effects.search import Search
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array, Scaling
 from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.side_by_side import stop_if_abandoned
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.examination import Examination
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import begin_moving
 
 BLOCKS = 24
 """Parts of a record whose scores are taken as independent: longer than the memory of any filter that follows."""
-JUMP = 4.0
+JUMP = THRESHOLDS.scan.jump
 """Innovations that are larger than so many times the usual power count less, in proportion (Huber)."""
 MEDIAN_OF_SQUARE = 0.455
 """Of a standard normal number."""
 SHIFT = 1e-5
 """Of a searched parameter, over which the innovations' difference is taken: small beside any curvature."""
+LEAST = 1e-3
+"""Of where a search begins a parameter, below which it does not go."""
 SPEED = (1, -1)
 """Powers of length and time in the unit of a velocity."""
 START_CYCLES = 3.0
 """What the start of a filter tells depends on how it was begun: it does not count."""
+AT_FLOOR = 1.1
+"""Innovation over the noise floor, rms, that a complete model may leave: what the word says."""
+RARE = THRESHOLDS.criterion.chance
+"""How often a check fails where all is well."""
+NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)
+"""Constants of which no sensitivity is followed."""
 
 
 @dataclass(frozen=True)
@@ -86,6 +97,14 @@ class Evaluation:
     share: float = 1.0
     records: tuple[str, ...] = ()
 
+    @classmethod
+    def of_parts(cls, seen: "Sequence[Evaluation]", records: tuple[str, ...] = ()) -> "Evaluation":
+        """Passes with the same parameters, one after another; records: their names, where each is one of its own."""
+        single = ("names", "share", "records")
+        joined = {one.name: np.concatenate([getattr(each, one.name) for each in seen])
+                  for one in fields(cls) if one.name not in single}  # fmt: skip
+        return cls(seen[0].names, **joined, share=float(np.mean([one.share for one in seen])), records=records)
+
     @property
     def sound(self) -> bool:
         """Whether the filter followed the motion to the end."""
@@ -103,6 +122,16 @@ class Evaluation:
             return -np.inf
         n = float(self.count.sum())
         return float(-0.5 * n * (np.log(2.0 * np.pi * self.scale) + 1.0) - self.logs.sum())
+
+
+@dataclass(frozen=True)
+class Check:
+    """One check: its name, whether it was passed, what it saw; effect: the one that it concerns, "" for the model."""
+
+    name: str
+    passed: bool
+    sentence: str
+    effect: str = ""
 
 
 def blocks_of(samples: int) -> Iterable[tuple[int, int]]:
@@ -146,7 +175,8 @@ class Layout(ABC):
 
     names (k,); owner (k,) the effect that has it, "" for the base model; mean, deviation (k,) of the prior, scaled;
     least, most (k,) what none goes below or above; factor (k,) SI of a scaled unit; varying: constants that differ
-    between records, of which the bench file declares one.
+    between records, of which the bench file declares one; tied: by the place of a coefficient the parameter that is the
+    same number, (effect, parameter, where its search begins, SI).
     """
 
     names: tuple[str, ...]
@@ -157,6 +187,7 @@ class Layout(ABC):
     most: Array
     factor: Array
     varying: frozenset[str] = frozenset()
+    tied: Mapping[int, tuple[str, str, float]] = MappingProxyType({})
 
     @property
     def shared(self) -> list[int]:
@@ -196,7 +227,8 @@ class ObserverLayout(Layout):
     """A layout on a problem of an observer.
 
     index (c,) of the first c, constants and coefficients, among the observer's constants; searched: the others,
-    parameters of effects that no derivative is written of, each as (effect, parameter).
+    parameters of effects that no derivative is written of, each as (effect, parameter); by_difference: places of what
+    is searched or tied.
     """
 
     def __init__(self, problem: Problem, effects: Effects) -> None:
@@ -228,7 +260,7 @@ class ObserverLayout(Layout):
         begun = [0.0 if i < base else abs(mean) for i, mean in zip(free, self.mean, strict=False)]
         self.deviation = np.array([*np.maximum(known, begun), *(abs(value) for value in values)])
         lowest = [-np.inf if i < base else coefficients[i - base][1].least for i in free]
-        self.least = np.array([*lowest, *(1e-3 * value for value in values)])
+        self.least = np.array([*lowest, *(LEAST * value for value in values)])
         self.most = np.full(len(self.names), np.inf)
         rings = {effect.coefficients[0].name for effect in self.effects if effect.search is Search.RINGS}
         for k in [k for k in range(len(free)) if self.names[k] in rings]:
@@ -236,6 +268,14 @@ class ObserverLayout(Layout):
             apart = 0.5 * abs(float(self.mean[k]) - 1.0)
             self.least[k], self.most[k] = self.mean[k] - apart, self.mean[k] + apart
         self.step = observer.h
+        self.tied = {
+            k: (e.name, p.name, effects[e.name][p.name])
+            for k, (owner, name) in enumerate(zip(self.owner, self.names, strict=True))
+            for e in self.effects
+            for p in e.parameters
+            if owner == e.name and name_of(p, "found_as") == kind(name)
+        }
+        self.by_difference = (*self.tied, *range(len(free), len(self.names)))
 
     def bounded(self, theta: Array) -> Array:
         """... and no friction turns over within less than it slows the mass by from one sample to the next: no record
@@ -254,8 +294,10 @@ class ObserverLayout(Layout):
         return [k for k in range(len(self.index)) if not self.owner[k]]
 
     def effects_of(self, model: "Model") -> Effects:
-        """The effects of a model with the searched parameters as they are in its theta, SI."""
+        """The effects of a model with the searched and the tied parameters as they are in its theta, SI."""
         effects = {name: dict(given) for name, given in model.effects.items()}
+        for k, (name, parameter, given) in self.tied.items():
+            effects[name][parameter] = max(float(model.theta[k] * self.factor[k]), LEAST * given)
         for k, (name, p) in enumerate(self.searched, start=len(self.index)):
             effects[name][p.name] = float(model.theta[k] * self.factor[k])
         return effects
@@ -266,10 +308,11 @@ class ObserverLayout(Layout):
         return [(effect, parameter.name) for effect, parameter in self.searched if parameter.default is not None]
 
     def shifted(self, model: "Model") -> list[tuple["Model", float]]:
-        """Models with one of the searched parameters shifted, in their order, and by how much each was."""
+        """Models with one parameter shifted, in the order of `by_difference`, and by how much each was."""
         moved = []
-        for k in range(len(self.index), len(self.index) + len(self.searched)):
-            theta, step = model.theta.copy(), SHIFT * float(abs(model.theta[k]))
+        for k in self.by_difference:
+            theta, size = model.theta.copy(), self.deviation[k] if k in self.tied else abs(model.theta[k])
+            step = SHIFT * float(size)
             theta[k] += step
             moved.append((replace(model, theta=theta), step))
         return moved
@@ -307,7 +350,7 @@ def observer_of(problem: Problem, effects: Effects, noise: Noise | None, tested:
 
 class Coefficient(Protocol):
     """A number that an effect has; positive: no such effect has a negative one; is_shape: it says how the effect is,
-    and not how large.
+    and not how large; bent: where it is given, a score test takes the derivative there, and no fit begins there.
     """
 
     @property
@@ -321,6 +364,20 @@ class Coefficient(Protocol):
 
     @property
     def is_shape(self) -> bool: ...
+
+    @property
+    def bent(self) -> bool: ...
+
+
+@dataclass(frozen=True)
+class Size:
+    """A coefficient: its name, its SI unit, whether no such effect has a negative one."""
+
+    name: str
+    unit: str
+    positive: bool = False
+    is_shape: bool = False
+    bent: bool = False
 
 
 class Described(Protocol):
@@ -336,8 +393,7 @@ class Described(Protocol):
 class Likelihood(Protocol):
     """A record and the model that is held against it: all that fit, score test, search and checks know of either.
 
-    effects: what is declared beside the base model, by name; axes, samples of the record; first: samples of the
-    beginning that is fitted first; most: effects that a model of it may have beside the declared.
+    effects: what is declared beside the base model, by name; axes, samples of the record.
     """
 
     @property
@@ -350,14 +406,19 @@ class Likelihood(Protocol):
     def samples(self) -> int: ...
 
     @property
-    def first(self) -> int: ...
+    def first(self) -> int:
+        """Samples of the beginning that is fitted first."""
+        return self.samples
 
     @property
-    def most(self) -> int: ...
+    def most(self) -> int:
+        """Effects that a model may have beside the declared: nobody believes a fifth."""
+        return 4
 
     @property
     def following(self) -> "Likelihood":
-        """The same by a filter that does not lose the motion for what a model lacks."""
+        """The same by a filter that does not lose the motion for what a model lacks; itself, where it does not."""
+        return self
 
     def part(self, rows: slice) -> "Likelihood":
         """The same of these samples only."""
@@ -381,9 +442,11 @@ class Likelihood(Protocol):
 
     def quieten(self, layout: Layout, model: Model) -> Model:
         """The model with about the disturbance that makes the record most probable."""
+        return model
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:
         """The model with the noise that makes the record most probable."""
+        return model
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
         """The model with the random force that is declared, and with the one that the record asks for."""
@@ -393,6 +456,12 @@ class Likelihood(Protocol):
 
     def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
         """What a model leaves on the part held out, over the noise floor."""
+
+    def chance(self, held_out: Evaluation) -> float:
+        """By how much more than the noise floor noise alone leaves of a part held out, rarely, rms: of many independent
+        innovations by nothing.
+        """
+        return 1.0
 
     def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """Effects that are not in a model, each with its parameters, SI."""
@@ -431,93 +500,74 @@ def evaluate(
 
     Raises ModelError as `Observer` does.
     """
-    one = _Pass(problem, beginning, layout, model, layout.index if derivatives else layout.index[:0], tested or {})
-    others = [
-        (_Pass(problem, beginning, layout, moved, layout.index[:0], {}), step)
-        for moved, step in (layout.shifted(model) if derivatives else ())
-    ]
-    names = (*(layout.names if derivatives else ()), *one.tested)
-    c, sums = len(one.known), Sums.of(len(names))
-    for block, (begin, end) in enumerate(blocks_of(len(problem.record))):
-        stop_if_abandoned()
-        own = one.advance(begin, end)
-        shifted = [(other.advance(begin, end)[:, 0] - own[:, -2]) / step for other, step in others]
-        sums.add(block, np.column_stack([own[:, :c], *shifted, own[:, c:]]) if shifted else own)
-    variance = one.rows["s"][:, : problem.device.axes]
+    shifts = layout.shifted(model) if derivatives else []
+    others = [_over(problem, beginning, layout, moved).white for moved, _ in shifts]
+    known = layout.index if derivatives else layout.index[:0]
+    seen = _over(problem, beginning, layout, model, known, tested, others, [step for _, step in shifts])
+    # In the order of names: the model's own, its searched parameters, what is tested; the innovation stands among them.
+    c, k = len(known), seen.delta.shape[1]
+    column = dict(zip(layout.by_difference, range(k + 1, k + 1 + len(shifts)), strict=False))
+    order = [*(column.get(place, place) for place in range(c + len(layout.searched) * derivatives)), *range(c, k)]
+    volts = _volts(problem)
+    deviation = np.sqrt(np.where(seen.variance > 0.0, seen.variance, np.nan)) * np.abs(volts)
+    with np.errstate(over="ignore", invalid="ignore"):
+        gram = seen.gram
     return Evaluation(
-        names, sums.score, sums.information, sums.power, sums.logs, sums.count,
-        np.where(one.seen, one.rows["nu"][:, : problem.device.axes] * one.observer.volts, np.nan),
-        np.sqrt(np.where(variance > 0.0, variance, np.nan)) * np.abs(one.observer.volts),
+        (*(layout.names if derivatives else ()), *_coefficients(problem, tested or {})),
+        # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
+        -gram[:, order, k], gram[:, order][:, :, order], gram[:, k, k], seen.logs, seen.counted.astype(float),
+        np.where(np.isfinite(problem.record.sense), seen.innovation * volts, np.nan), deviation,
     )  # fmt: skip
 
 
-class _Pass:
-    """A filter on its way over a record, with the sensitivities that it follows: of constants that it knows (indices
-    `known`), and of the coefficients of effects that it lacks.
+def _coefficients(problem: Problem, tested: Effects) -> list[str]:
+    """The effect of each coefficient that is tested."""
+    device = problem.device
+    return [name for name in tested for _ in effect_for(name, device.axes, device.own)[1].coefficients]
+
+
+def _volts(problem: Problem) -> Array:
+    scaling = Scaling.of(problem.device)
+    return np.array([scaling.sense(axis) for axis in range(problem.device.axes)])
+
+
+def _over(
+    problem: Problem,
+    beginning: Beginning,
+    layout: ObserverLayout,
+    model: Model,
+    known: NDArray[np.int64] = NOTHING,
+    tested: Effects | None = None,
+    others: Sequence[Array] = (),
+    shifts: Sequence[float] = (),
+) -> Pass:
+    """A filter's pass over a record: with the sensitivities of constants that it knows (indices `known`), of the
+    coefficients of effects that it lacks, and of models that are shifted.
     """
-
-    def __init__(
-        self,
-        problem: Problem,
-        beginning: Beginning,
-        layout: ObserverLayout,
-        model: Model,
-        known: NDArray[np.int64],
-        tested: Effects,
-    ) -> None:
-        self.record, self.known = problem.record, known
-        self.observer = observer = observer_of(problem, layout.effects_of(model), model.noise, tested)
-        observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
-        begin_moving(observer, problem.record)
-        observer.begin_at(beginning.seconds, beginning.temperature)
-        lacking = observer.effects[observer.carried :]
-        self.tested = [effect.name for _, effect in lacking for _ in effect.coefficients]
-        record = problem.record
-        self.scaled = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
-        observer.allow_steps(float(np.max(self.scaled[2], initial=observer.h)), self.scaled[1].shape[2] - 1)
-        self.rows = np.zeros(len(record), OUTPUT)
-        self.delta = np.zeros((observer.states + len(observer.active), len(known) + len(self.tested)))
-        self.seen = np.isfinite(record.sense)
-        self.skip = int(np.ceil(START_CYCLES * 2.0 * np.pi / observer.h))
-        self.level = JUMP
-
-    def advance(self, begin: int, end: int) -> Array:
-        """Over one part of the record; whitened rows (m, k + 2) of the innovations that count: sensitivities, the
-        innovation, the logarithm of its deviation.
-        """
-        z, u, h, warmth = self.scaled
-        axes, k = self.observer.device.axes, self.delta.shape[1]
-        equations = np.zeros((axes * (end - begin), k + 2))
-        for start, stop, spread in _pieces(self.record, begin, end):
-            part, lines = slice(start, stop), slice(axes * (start - begin), axes * (stop - begin))
-            portion = Portion(z[part], u[part], h[part], warmth[part], self.rows[part])
-            nowhere: Array = np.zeros((0, k))
-            scan_block(
-                self.observer,
-                portion,
-                Signatures(self.delta, self.level, equations[lines], np.zeros(0), nowhere, self.known),
-            )
-            if spread is not None:
-                self.observer.unsettle(spread)
-        told = self.seen[begin:end].ravel() & (np.repeat(np.arange(begin, end), axes) >= self.skip)
-        counted = equations if told.all() else equations[told]
-        usual = _median(counted[:, k] ** 2) / MEDIAN_OF_SQUARE if len(counted) else 1.0
-        self.level = JUMP * max(1.0, usual) if np.isfinite(usual) else JUMP
-        return counted
+    record = problem.record
+    observer = observer_of(problem, layout.effects_of(model), model.noise, tested)
+    observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
+    begin_moving(observer, record)
+    observer.begin_at(beginning.seconds, beginning.temperature)
+    z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
+    observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
+    skip = int(np.ceil(START_CYCLES * 2.0 * np.pi / observer.h))
+    watched = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
+    rows = observer.states + len(observer.active)
+    samples = Samples(z, u, h, warmth, np.linspace(0, len(record), BLOCKS + 1).astype(np.int64), skip)
+    found = Pass(samples, rows, known, watched, others, shifts)
+    for begin, end, spread in _pieces(record):
+        stop_if_abandoned()
+        found.advance(observer, begin, end, JUMP, MEDIAN_OF_SQUARE)
+        if spread is not None:
+            observer.unsettle(spread)
+    return found
 
 
-def _median(values: Array) -> float:
-    """NumPy's own takes ten times as long of a thousand."""
-    upper, lower = len(values) // 2, (len(values) - 1) // 2
-    sorted_there = np.partition(values, (lower, upper))
-    return float(0.5 * (sorted_there[lower] + sorted_there[upper]))
-
-
-def _pieces(record: Record, begin: int, end: int) -> list[tuple[int, int, Array | None]]:
-    """A part of the record cut behind its gaps, each with what the gap at its end adds to the motion's covariance."""
-    gaps = None if record.gaps is None else record.gaps.part(slice(begin, end))
+def _pieces(record: Record) -> list[tuple[int, int, Array | None]]:
+    """A record cut behind its gaps, each piece with what the gap at its end adds to the motion's covariance."""
+    gaps, n = record.gaps, len(record)
     if gaps is None or not len(gaps):
-        return [(begin, end, None)]
+        return [(0, n, None)]
     cuts: dict[int, Array] = dict(zip((gaps.last + 1).tolist(), gaps.spread, strict=True))
-    stops = sorted({*cuts, end - begin})
-    return [(begin + a, begin + b, cuts.get(b)) for a, b in pairwise([0, *stops])]
+    return [(a, b, cuts.get(b)) for a, b in pairwise([0, *sorted({*cuts, n})])]

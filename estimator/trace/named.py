@@ -55,6 +55,9 @@ def found_of(name: str, evidence: Evidence, carried: Effects, reader: AngleReade
     assert isinstance(effect, Effect)
     layout, spread, places = model.layout, covariance(model), model.layout.of(name)
     intervals = intervals_of(effect, model, name)
+    if evidence.held_out.records:  # what each of several has of its own is none of the device's
+        each = {kind(c.name) for c in effect.coefficients if c.own}
+        intervals = {symbol: one for symbol, one in intervals.items() if symbol not in each}
     for parameter in effect.parameters:
         if (coefficient := name_of(parameter, "found_as")) and parameter.name in carried[name]:
             # The same number as a coefficient, which is as sure.
@@ -65,6 +68,6 @@ def found_of(name: str, evidence: Evidence, carried: Effects, reader: AngleReade
     return Found(
         name=called(name, evidence.without), title=effect.title, equation=equations_on(effect, evidence.of.axes),
         coefficients=intervals,
-        evidence=2.0 * (model.objective - evidence.without[name].objective), undone=effect.undone.value,
+        evidence=2.0 * (model.objective - evidence.without[name].objective), compensation=effect.compensation.value,
         angle_bound=reader.bound(carried, name, in_si) if evidence.of.axes == 2 else None,
     )  # fmt: skip

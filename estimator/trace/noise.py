@@ -1,15 +1,6 @@
-"""What a noise is: its level, and whether it is white."""
+"""How large a noise is."""
 
 from collections.abc import Callable
-
-import numpy as np
-
-from estimator.chance import chi2_sf
-from estimator.correlation import autocorrelation
-from estimator.scaling import Array
-
-LAGS = 20
-"""Over which a series is asked whether it is white."""
 
 
 def level(likelihood: Callable[[float], float], start: float, between: tuple[float, float], close: float) -> float:
@@ -30,13 +21,3 @@ def level(likelihood: Callable[[float], float], start: float, between: tuple[flo
         else:
             step, failed = -step, failed + 1
     return best
-
-
-def ljung_box(series: Array) -> float:
-    """Chance of an autocorrelation as large in white noise (Ljung & Box, Biometrika 65, 1978); 1 of zeros."""
-    n = len(series)
-    lags = np.arange(1, min(LAGS, n // 4) + 1)
-    if not len(lags) or not np.any(series):
-        return 1.0
-    statistic = n * (n + 2.0) * float(np.sum(autocorrelation(series)[lags] ** 2 / (n - lags)))
-    return chi2_sf(statistic, len(lags))

@@ -14,20 +14,26 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cholesky_banded, solve_banded
 
+from estimator.chance import f_isf
+from estimator.correlation import effective_samples
 from estimator.diagnosis import Interval
 from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
-from estimator.trace.checks import AT_FLOOR, Check
 from estimator.trace.examination import Examination
 from estimator.trace.filtered import CLOSE
 from estimator.trace.likelihood import (
+    AT_FLOOR,
     BLOCKS,
+    RARE,
     SHIFT,
+    Check,
     Evaluation,
     Layout,
+    Likelihood,
     Model,
     Noise,
+    Size,
     Sums,
     blocks_of,
 )
@@ -64,16 +70,6 @@ class OutputLayout(Layout):
         }
 
 
-@dataclass(frozen=True)
-class Size:
-    """A coefficient: its name, its SI unit, whether no such effect has a negative one."""
-
-    name: str
-    unit: str
-    positive: bool = False
-    is_shape: bool = False
-
-
 class Term(Protocol):
     """What is told of an effect beside what search and checks know of it."""
 
@@ -90,7 +86,7 @@ class Term(Protocol):
     def signals(self) -> Sequence[object]: ...
 
     @property
-    def undone(self) -> str: ...
+    def compensation(self) -> str: ...
 
     @property
     def look_alikes(self) -> Mapping[str, str]: ...
@@ -190,8 +186,11 @@ class Output(ABC):
 
 
 @dataclass(frozen=True)
-class OutputError:
-    """`Likelihood` of the readings `counted`; told: those that tell the size of what is free."""
+class OutputError(Likelihood):
+    """`Likelihood` of the readings `counted`; told: those that tell the size of what is free.
+
+    Noise is white, and nothing is followed; what wanders is asked of what was found (`walking`).
+    """
 
     output: Output
     told: Rows
@@ -211,21 +210,6 @@ class OutputError:
     def samples(self) -> int:
         """Readings that count."""
         return len(self.counted)
-
-    @property
-    def first(self) -> int:
-        """All of them: nothing loses count of cycles."""
-        return self.samples
-
-    @property
-    def most(self) -> int:
-        """Effects beside the declared: nobody believes a fifth."""
-        return 4
-
-    @property
-    def following(self) -> "OutputError":
-        """Itself: a prediction does not lose the motion."""
-        return self
 
     def part(self, rows: slice) -> "OutputError":
         """The same of these of the readings that count."""
@@ -271,14 +255,6 @@ class OutputError:
         most = ALL_WALK * self.output.noise / np.sqrt(span / self.samples)
         return float(np.log10(least)), float(np.log10(most))
 
-    def quieten(self, layout: Layout, model: Model) -> Model:
-        """The model as it is: a prediction does not lose the motion for what a model lacks."""
-        return model
-
-    def fit_noise(self, layout: Layout, model: Model) -> Model:
-        """The model as it is: white noise; what wanders is asked of what was found (`walking`)."""
-        return model
-
     def walking(self, layout: Layout, model: Model) -> Model:
         """The model with the walk that the record asks for."""
 
@@ -308,6 +284,12 @@ class OutputError:
     def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
         """What the readings are off, over the noise floor, rms."""
         return float(np.sqrt(np.nanmean(held_out.innovation**2))) / self.output.floor[0]
+
+    def chance(self, held_out: Evaluation) -> float:
+        """Of few independent readings, and of a floor that few differences tell."""
+        left = held_out.innovation[:, 0]
+        worth = effective_samples(left[np.isfinite(left)])
+        return float(np.sqrt(f_isf(RARE, worth, min(self.output.floor[1], 1e9))))
 
     def evaluate(
         self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None

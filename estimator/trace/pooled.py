@@ -1,7 +1,7 @@
 """The likelihood of several records: the sum of theirs, with what they share in common."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import accumulate
 from typing import Self
@@ -22,6 +22,7 @@ from estimator.trace.likelihood import (
     Evaluation,
     Layout,
     Model,
+    Size,
     observer_of,
     reach_of,
 )
@@ -30,7 +31,6 @@ from estimator.trace.pooled_layout import (
     Dependence,
     Part,
     PooledLayout,
-    Slope,
     constant_of,
     dependence,
     of_records,
@@ -88,7 +88,7 @@ class Pooled(Filtered):
         """Declaration of an effect, each record's own coefficients by themselves; of a slope, its constant's unit."""
         constant = constant_of(name)
         if constant is not None:
-            return Dependence((Slope(constant, self._goes(constant)[1]),))
+            return Dependence((Size(constant, self._goes(constant)[1]),))
         effect = super().effect(name)
         if not any(c.own for c in effect.coefficients):
             return effect
@@ -120,13 +120,7 @@ class Pooled(Filtered):
         assert isinstance(layout, PooledLayout)
         asked = partial(self._of_record, layout, model, derivatives, tested or {})
         each = side_by_side([partial(asked, number) for number in range(len(self.parts))])
-        joined = {
-            one.name: np.concatenate([getattr(seen, one.name) for seen in each])
-            for one in fields(Evaluation)
-            if one.name not in ("names", "share", "records")
-        }
-        share = float(np.mean([seen.share for seen in each]))
-        return Evaluation(each[0].names, **joined, share=share, records=tuple(part.name for part in self.parts))
+        return Evaluation.of_parts(each, tuple(part.name for part in self.parts))
 
     def _of_record(
         self, layout: PooledLayout, model: Model, derivatives: bool, tested: Effects, number: int
@@ -230,7 +224,7 @@ class PooledFreeRun(Pooled, FreeRun):
     @property
     def following(self) -> "PooledFreeRun":
         """The same with the random force that the records ask for."""
-        parts = tuple(part._replace(of=part.of.following) for part in self.parts)
+        parts = tuple(part._replace(of=part.of.following) for part in self.parts if isinstance(part.of, FreeRun))
         return replace(self, followed=True, parts=parts)
 
 

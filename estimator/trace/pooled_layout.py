@@ -8,7 +8,7 @@ import numpy as np
 from estimator.scaling import Array
 from estimator.trace.filtered import Filtered
 from estimator.trace.free_run import StartLayout
-from estimator.trace.likelihood import Layout, Model, ObserverLayout
+from estimator.trace.likelihood import Layout, Model, ObserverLayout, Size
 from estimator.trace.pool import Level
 from estimator.trace.problem import Effects
 
@@ -25,19 +25,10 @@ class Part(NamedTuple):
     z: float
 
 
-class Slope(NamedTuple):
-    """By how much a constant or a coefficient changes with the covariate, as an effect has a coefficient."""
-
-    name: str
-    unit: str
-    positive: bool = False
-    is_shape: bool = False
-
-
 class Dependence(NamedTuple):
-    """A constant or coefficient that goes with the covariate, as search and checks know an effect."""
+    """A constant or coefficient that goes with the covariate, as search and checks know an effect: by how much."""
 
-    coefficients: tuple[Slope, ...]
+    coefficients: tuple[Size, ...]
     signals: tuple[object, ...] = ()
 
 
@@ -59,11 +50,6 @@ def of_records(effects: Effects) -> dict[str, dict[str, float]]:
 def own_name(name: str, record: str) -> str:
     """What a record's own entry is called."""
     return f"{name}{_OF}{record}"
-
-
-def is_own_name(name: str) -> bool:
-    """Whether an entry is a record's own."""
-    return _OF in name
 
 
 class PooledLayout(Layout):

@@ -12,12 +12,18 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain
-from estimator.thresholds import THRESHOLDS
 from estimator.trace.observed import run
 from estimator.trace.problem import Problem
 from estimator.trace.start import settling
 
-_SET = THRESHOLDS.scoring
+READ = 100_000
+"""Samples on either side of the split that are run freely, and over which the angle is read: more costs minutes."""
+FREE_CYCLES, FOLLOWED = 20, 3
+"""So long the bench is at most without samples before it stops; and times that, after which it has recovered."""
+UNSEEN = 1e12
+"""Times the variance of the noise: such a measurement changes nothing."""
+SETTLED = 8
+"""A free run begins within one of so many parts of the record."""
 
 
 def free_run_error(problem: Problem, split: int) -> Array:
@@ -27,7 +33,7 @@ def free_run_error(problem: Problem, split: int) -> Array:
     """
     record = problem.record
     errors = np.full((len(record), problem.device.axes), np.nan)
-    first, last = max(split - _SET.read, 0), min(split + _SET.read, len(record))
+    first, last = max(split - READ, 0), min(split + READ, len(record))
     _run_freely(problem, first, last, errors)
     return errors
 
@@ -36,20 +42,20 @@ def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
     """Fill `errors` (n, axes) between these samples of the record."""
     record, device, settings = problem.record, problem.device, problem.settings
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
-    free = round(_SET.free_cycles * cycle)
+    free = round(FREE_CYCLES * cycle)
     fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
     observer = Observer(device, replace(settings, gain=fading), problem.controller)
     observer.hold_coefficients()
     _begin_at(observer, record, first)
-    begin = first + max(min(settling(settings, device), (last - first) // _SET.settled), 1)
+    begin = first + max(min(settling(settings, device), (last - first) // SETTLED), 1)
     run(observer, record.part(slice(first, begin)))
     while begin + free <= last:
         rows = slice(begin, begin + free)
-        with observer.noisier(_SET.unseen):
+        with observer.noisier(UNSEEN):
             part = record.part(rows)
             errors[rows] = run(observer, part).innovation
             errors[rows][part.stretches[0].stop :] = np.nan  # behind a gap nothing is known of the motion
-        begin = rows.stop + _SET.followed * free
+        begin = rows.stop + FOLLOWED * free
         if begin + free <= last:
             run(observer, record.part(slice(rows.stop, begin)))
 

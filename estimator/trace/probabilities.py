@@ -7,7 +7,8 @@ import numpy as np
 from estimator.diagnosis import Classes
 from estimator.effects.labels import kind
 from estimator.trace.ambiguity import Member
-from estimator.trace.checks import OF_THE_REST, Check, Evidence
+from estimator.trace.checks import OF_THE_REST, Evidence
+from estimator.trace.likelihood import Check
 from estimator.trace.search import Search
 
 

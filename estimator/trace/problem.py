@@ -1,6 +1,6 @@
 """What tracing is asked: a record, and what its bench declares of the device, the observer and the control."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 from estimator.record import Record
@@ -8,6 +8,13 @@ from estimator.settings import ControllerSettings, Device, ObserverSettings
 
 Effects = Mapping[str, Mapping[str, float]]
 """By name, each with its coefficients and parameters, SI."""
+
+Progress = Callable[[str, int, int], None]
+"""Told of a stage how much of it is done, of how much."""
+
+
+def unseen(stage: str, done: int, total: int) -> None:
+    """Nobody looks on."""
 
 
 @dataclass(frozen=True)

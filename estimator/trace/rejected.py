@@ -11,16 +11,14 @@ from estimator.diagnosis import Interval, Rejected
 from estimator.effects.declaration import Effect
 from estimator.effects.labels import kind
 from estimator.scaling import Scaling
-from estimator.settings import Device
 from estimator.trace.ambiguity import Member
+from estimator.trace.checks import SMALL
 from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import Likelihood
 from estimator.trace.named import intervals_of
 from estimator.trace.score_test import Score
 from estimator.trace.search import Search, forbidden, margin
-
-ROUNDING = 1e-6
-"""Of the information in a plausible size: a record that tells less tells nothing."""
+from estimator.written import gains
 
 
 class Failed(NamedTuple):
@@ -31,33 +29,39 @@ class Failed(NamedTuple):
 
 
 def rejected(
-    of: Likelihood, device: Device, found: Search, groups: Mapping[str, list[Member]], failed: Mapping[str, Failed]
-) -> tuple[Rejected, ...]:
+    of: Likelihood, found: Search, groups: Mapping[str, list[Member]], failed: Mapping[str, Failed],
+    scaling: Scaling | None = None,
+) -> tuple[Rejected, ...]:  # fmt: skip
     """Every kind that is not named, once: what it gains beside the model, and a 95 % bound on its coefficients.
 
-    groups: of each named effect, the other members; failed: effects that a check took out again.
+    groups: of each named effect, the other members; failed: effects that a check took out again; scaling: None of
+    readings that follow no motion, whose effects are not the catalogue's.
     """
     last = found.rounds[-1]
+    latest = {score.name: score for one in found.rounds for score in one.table}
+    beside = {score.name for score in last.table}
     alone = {score.name: score.gain for score in found.rounds[0].table}
     fitted = {name: one.rise_over(last.base) for name, one in last.fitted}
     members = {kind(member.name): kind(name) for name, group in groups.items() for member in group}
     named = {kind(name) for name in groups} - {kind(name) for name in failed}
     least = margin(len({kind(score.name) for score in last.table}))
     answers = {kind(name): _taken_out(of, name, one) for name, one in failed.items()}
-    for score in last.table:
+    for score in latest.values():
         which = kind(score.name)
         if which in named or which in answers:
             continue
         gain = fitted.get(score.name, score.gain)
         if which in members:
             reason = f"this record does not separate it from {members[which]}"
+        elif score.name not in beside:  # it was in the model, until others were
+            reason = "beside the others it gains less than its parameters cost"
         elif forbidden(of, score.name, score.size, score.deviation):
             reason = "a coefficient that is never negative would be"
         elif gain < least:
-            reason = f"gains {gain:.4g} in twice the log-likelihood: no more than chance"
+            reason = f"{gains(gain)}: no more than chance"
         else:
-            reason = f"gains {gain:.4g} in twice the log-likelihood, less than its parameters cost"
-        bound = _bound(of, score, Scaling.of(device))
+            reason = f"{gains(gain)}, less than its parameters cost"
+        bound = _bound(of, score, scaling)
         answers[which] = Rejected(which, reason, bound, alone.get(score.name), fitted.get(score.name))
     return tuple(answers.values())
 
@@ -72,17 +76,17 @@ def _taken_out(of: Likelihood, name: str, failed: Failed) -> Rejected:
     return Rejected(kind(name), failed.sentence, bound)
 
 
-def _bound(of: Likelihood, score: Score, scaling: Scaling) -> dict[str, Interval]:
+def _bound(of: Likelihood, score: Score, scaling: Scaling | None) -> dict[str, Interval]:
     """Of each coefficient, less what the plausible size of the effect says of it; unbounded where that is all."""
     bound: dict[str, Interval] = {}
     wider = TWO_SIDED * float(np.sqrt(max(score.scatter, 1.0)))
     effect = of.effect(score.name)
-    if not isinstance(effect, Effect):
+    if not isinstance(effect, Effect) or scaling is None:
         return bound
     plausible = of.plausible(score.name)
     for c, size, deviation, likely in zip(effect.coefficients, score.size, score.deviation, plausible, strict=True):
         told, unit = float(deviation**-2.0 - likely**-2.0), scaling.coefficient(c)
-        if told > ROUNDING * float(likely) ** -2.0:
+        if told > SMALL * float(likely) ** -2.0:
             value, half = unit * float(size / (deviation**2 * told)), wider * abs(unit) / told**0.5
         else:
             value, half = unit * float(size), np.inf

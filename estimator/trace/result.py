@@ -1,27 +1,28 @@
 """The words of a diagnosis, and the figures behind them."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from functools import partial
 
-from estimator.diagnosis import Diagnosis, Rejected, Unconfirmed, Verdict
-from estimator.scaling import Array
+from estimator.diagnosis import Dependence, Diagnosis, Found, Rejected, Unconfirmed, Verdict
+from estimator.scaling import Array, Scaling
 from estimator.side_by_side import side_by_side
 from estimator.trace.angle import AngleReader
-from estimator.trace.checks import Check, Evidence
+from estimator.trace.checks import Evidence
 from estimator.trace.chosen import Chosen
 from estimator.trace.determined import undetermined
-from estimator.trace.examination import Examination
+from estimator.trace.examination import Figures
+from estimator.trace.likelihood import Check
 from estimator.trace.named import effects_of, found_of
 from estimator.trace.pairs import pairs_of
+from estimator.trace.pooled_layout import of_records
+from estimator.trace.prediction import READ
 from estimator.trace.probabilities import probabilities
-from estimator.trace.problem import Problem
+from estimator.trace.problem import Problem, Progress
 from estimator.trace.rejected import Failed, rejected
 
 MOST = 0.5
 """Of the power above the noise floor, that effects have to account for which explain a part."""
-READ = 100_000
-"""Samples over which the angle is read with and without an effect."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class Judged:
 
     evidence: Evidence
     checks: list[Check]
-    after: Examination
+    after: Figures
     share: float | None
     failed: Mapping[str, Failed]
 
@@ -41,6 +42,11 @@ class Judged:
     def named(self) -> list[str]:
         """Effects that the bench file does not declare."""
         return list(self.evidence.without)
+
+    @property
+    def against(self) -> tuple[str, ...]:
+        """What the checks hold against it."""
+        return tuple(check.sentence for check in self.checks if not check.passed)
 
     @property
     def verdict(self) -> Verdict:
@@ -59,51 +65,68 @@ def verdict_of(named: list[str], checks: list[Check], share: float | None = None
     return Verdict.PARTLY if in_part else Verdict.UNEXPLAINED
 
 
-def diagnosis(
-    problem: Problem, split: int, chosen: Chosen, judged: Judged, before: Examination,
-    progress: Callable[[str, int, int], None],
+def answer(
+    judged: Judged, figures: tuple[Figures, Figures], effects: tuple[Found, ...],
+    dependences: tuple[Dependence, ...] = (),
 ) -> Diagnosis:  # fmt: skip
-    """What a trace answers: the words, and the figures behind them."""
-    evidence, checks, after = judged.evidence, judged.checks, judged.after
-    named, model, share, verdict = judged.named, evidence.model, judged.share, judged.verdict
-    reader = AngleReader(problem.part(slice(0, min(split, READ))))
-    carried = effects_of(model)
-    effects = tuple(side_by_side([partial(found_of, name, evidence, carried, reader) for name in named]))
-    groups = {name: chosen.groups[name] for name in named}
-    others = rejected(evidence.of, problem.device, chosen.found, groups, judged.failed)
-    unconfirmed = None
-    if verdict is Verdict.UNEXPLAINED and named:
-        failed = tuple(check.sentence for check in checks if not check.passed)
-        unconfirmed, effects, groups, share = Unconfirmed(effects, failed, after.held_out), (), {}, None
+    """The word with what is named, or what was not confirmed; figures: before and after.  A kind of record adds what it
+    knows beside.
+    """
+    verdict, (before, after), unconfirmed = judged.verdict, figures, None
+    if verdict is Verdict.UNEXPLAINED and judged.named:
+        unconfirmed = Unconfirmed(effects, judged.against, after.held_out)
+        effects, dependences = (), ()
     return Diagnosis(
-        verdict=verdict, effects=effects,
-        separations=pairs_of(problem, model, groups, reader, effects, others, progress),
-        rejected=others, findings=before.findings,
+        verdict=verdict, effects=effects, separations=(), rejected=(), findings=before.findings,
         before=before.fitted, after=after.fitted, held_out_before=before.held_out, held_out_after=after.held_out,
-        residual_before=before.residual, residual_after=after.residual, split=split, reasons=reasons_of(judged, others),
-        angle_moved=reader.moved(problem.effects, carried) if effects and problem.device.axes == 2 else None,
-        share=share, left=after.findings if verdict is Verdict.PARTLY else (),
-        probabilities=probabilities(evidence, checks, chosen.groups, chosen.found),
-        undetermined=undetermined(model), unconfirmed=unconfirmed, free_run=_shown(evidence),
+        residual_before=before.residual, residual_after=after.residual, split=0, reasons=(),
+        share=None if unconfirmed else judged.share, left=after.findings if verdict is Verdict.PARTLY else (),
+        unconfirmed=unconfirmed, dependences=dependences,
     ).of_what_is_named()  # fmt: skip
 
 
-def _shown(evidence: Evidence) -> tuple[Array, Array] | None:
-    """Of a run that nothing corrects, measured less simulated over the part held out, before and after."""
-    if evidence.of.following is evidence.of:
+def diagnosis(
+    problem: Problem, split: int, chosen: Chosen, judged: Judged, figures: tuple[Figures, Figures],
+    progress: Progress, dependences: tuple[Dependence, ...] = (),
+) -> Diagnosis:  # fmt: skip
+    """What a trace of a motion answers; dependences: of several records, what goes with their covariate."""
+    evidence, model = judged.evidence, judged.evidence.model
+    reader = AngleReader(problem.part(slice(0, min(split, READ))))
+    carried = of_records(effects_of(model))
+    named = [name for name in judged.named if name in carried]
+    effects = tuple(side_by_side([partial(found_of, name, evidence, carried, reader) for name in named]))
+    groups = {name: chosen.groups[name] for name in judged.named}
+    others = rejected(evidence.of, chosen.found, groups, judged.failed, Scaling.of(problem.device))
+    told = answer(judged, figures, effects, dependences)
+    shown = {} if told.unconfirmed else groups
+    return replace(
+        told,
+        separations=pairs_of(problem, model, shown, reader, told.effects, others, progress),
+        rejected=others, split=split, reasons=reasons_of(judged, others),
+        angle_moved=reader.moved(problem.effects, carried) if told.effects and problem.device.axes == 2 else None,
+        probabilities=probabilities(evidence, judged.checks, chosen.groups, chosen.found),
+        undetermined=undetermined(model), free_run=_shown(evidence, told),
+    )  # fmt: skip
+
+
+def _shown(evidence: Evidence, told: Diagnosis) -> tuple[Array, Array] | None:
+    """Of one run that nothing corrects, measured less simulated over the part held out, before and after."""
+    if evidence.of.following is evidence.of or evidence.held_out.records:
         return None
-    return evidence.before.innovation, evidence.held_out.innovation
+    return evidence.before.innovation, (evidence.held_out if told.effects else evidence.before).innovation
 
 
-def share_of(evidence: Evidence) -> float | None:
-    """Of the residual's power above the noise floor on the part held out, what goes; None where none stood above it."""
-    was, now = evidence.before_ratio**2, evidence.floor_ratio**2
+def share_of(before: float, after: float) -> float | None:
+    """Of a residual's power above the noise floor, what goes; None where none stood above it.  Residuals are over that
+    floor, rms.
+    """
+    was, now = before**2, after**2
     return 1.0 - max(now - 1.0, 0.0) / (was - 1.0) if was > 1.0 else None
 
 
 def reasons_of(judged: Judged, others: tuple[Rejected, ...]) -> tuple[str, ...]:
     """Why the verdict is what it is: checks that failed first, then what else was seen on the part held out."""
-    failed = [check.sentence for check in judged.checks if not check.passed]
+    failed = judged.against
     passed = [check.sentence for check in judged.checks if check.passed and check.name in ("noise floor", "held out")]
     other = "other " if judged.named else ""
     tested = f"{len(others)} {other}kinds of effects were tested; none gains more than chance beside the model"

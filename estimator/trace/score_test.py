@@ -5,7 +5,7 @@ gain if the likelihood were a parabola; the solution of its normal equations is 
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.trace.fit import FittedModel
-from estimator.trace.likelihood import Evaluation, Likelihood
+from estimator.trace.likelihood import Evaluation, Likelihood, Noise
 from estimator.trace.problem import Effects
 
 
@@ -23,7 +23,8 @@ class Score:
     """One effect at given parameters.
 
     gain: twice the gain of log-likelihood; size, deviation (c,) of its coefficients, scaled; scatter: by how much more
-    than noise its score differs from part to part of the record, 1 where it does not; given: its parameters, SI.
+    than noise its score differs from part to part of the record, 1 where it does not; given: its parameters, SI; noise:
+    of the model that it was tested beside.
     """
 
     name: str
@@ -32,6 +33,7 @@ class Score:
     deviation: Array
     scatter: float
     given: Mapping[str, float]
+    noise: Noise | None = None
 
     @property
     def robust(self) -> float:
@@ -54,10 +56,11 @@ def tested_beside(of: Likelihood, fitted: FittedModel, effects: Effects) -> list
     """The effects beside the model, in as many passes as they need."""
     shares = _shares(of, effects, len(fitted.model.effects))
     seen = side_by_side([partial(of.evaluate, fitted.layout, fitted.model, tested=share) for share in shares])
-    return [_tested(one, len(fitted.layout.names), fitted.evaluation.scale) for one in seen]
+    return [tested_in(one, len(fitted.layout.names), fitted.evaluation.scale) for one in seen]
 
 
-def _tested(seen: Evaluation, own: int, scale: float) -> Tested:
+def tested_in(seen: Evaluation, own: int, scale: float) -> Tested:
+    """What a pass has behind the model's `own` parameters."""
     columns: dict[str, list[int]] = {}
     for k, name in enumerate(seen.names[own:], start=own):
         columns.setdefault(name, []).append(k)
@@ -67,15 +70,15 @@ def _tested(seen: Evaluation, own: int, scale: float) -> Tested:
 def score_test(of: Likelihood, fitted: FittedModel, effects: Effects) -> tuple[Score, ...]:
     """The scores of effects beside a fitted model, the largest gain first, each with a prior of its plausible size."""
     scores = [
-        score
+        replace(score, noise=fitted.model.noise)
         for seen in tested_beside(of, fitted, effects)
-        for score in _scores(of, seen, fitted.prior_deviation, effects)
+        for score in scores_in(of, seen, fitted.prior_deviation, effects)
     ]
     return tuple(sorted(scores, key=lambda one: -one.gain))
 
 
-def _scores(of: Likelihood, seen: Tested, deviation: Array, effects: Effects) -> Iterator[Score]:
-    """Those of one pass."""
+def scores_in(of: Likelihood, seen: Tested, deviation: Array, effects: Effects) -> Iterator[Score]:
+    """Those of one pass beside parameters of these prior deviations (k,)."""
     information, score = projected(seen.information, seen.score, deviation)
     for name, columns in seen.columns.items():
         rows = [k - len(deviation) for k in columns]

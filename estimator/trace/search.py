@@ -1,6 +1,6 @@
 """Which effects belong in the model: forward by the score test, fitted candidates, and backward again."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
@@ -12,7 +12,7 @@ from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.trace.fit import ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
 from estimator.trace.likelihood import Layout, Likelihood, Model
-from estimator.trace.problem import Effects
+from estimator.trace.problem import Effects, Progress, unseen
 from estimator.trace.score_test import Score, score_test
 
 SHORTLIST = 4
@@ -26,7 +26,7 @@ FORBIDDEN = 3.0
 CHANCE = 1e-3
 """How often an effect may be named that is not there, over a whole search."""
 QUIETER = 100.0
-"""By how much less random force than a model leaves the scores are taken once more."""
+"""By how much less random force the scores are taken once more, and again."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,6 @@ class Round:
     base: FittedModel
     table: tuple[Score, ...]
     fitted: tuple[tuple[str, FittedModel], ...]
-    taken: str | None
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def margin(kinds: int) -> float:
 
 def search(
     of: Likelihood,
-    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    progress: Progress = unseen,
 ) -> Search:
     """Effects added (`forward`), and taken out where their gain is not sure: on the way, what the model still lacks
     scatters more than noise.
@@ -71,7 +70,7 @@ def search(
 
 def forward(
     of: Likelihood,
-    progress: Callable[[str, int, int], None] = lambda stage, done, total: None,
+    progress: Progress = unseen,
     begun: FittedModel | None = None,
 ) -> Search:
     """Effects added while the best of the candidates has a larger criterion by the margin; on from `begun`."""
@@ -85,9 +84,8 @@ def forward(
         tables = scored(of, now, tested)
         ranked = _fitted(of, now, shortlisted(of, tables, now.evaluation.share * margin(kinds)))
         best = next((pair for pair in ranked if not impossible(of, *pair)), None)
-        taken = best is not None and best[1].surplus_over(now) > margin(kinds)
-        rounds.append(Round(now, tables[0], tuple(ranked), best[0] if best is not None and taken else None))
-        if best is None or not taken:
+        rounds.append(Round(now, tables[0], tuple(ranked)))
+        if best is None or not best[1].surplus_over(now) > margin(kinds):
             break
         now = best[1]
     return Search(base, now, tuple(rounds))
@@ -121,15 +119,24 @@ def _from(of: Likelihood, quick: FittedModel) -> FittedModel:
 
 def scored(of: Likelihood, fitted: FittedModel, tested: Effects) -> tuple[tuple[Score, ...], ...]:
     """The scores of the effects beside a model (`score_test`); and where it leaves a random force larger than declared,
-    the same at a quieter one, where effects look less alike, unless the filter loses the motion there.
+    the same at a quieter one, where effects look less alike: at the one that makes the record most probable with the
+    best effect there, as long as the filter keeps the motion.
     """
     table = score_test(of, fitted, tested)
-    noise, quietest = fitted.model.noise, of.declared_noise().force
-    if noise.force <= quietest * QUIETER:
-        return (table,)
-    quieter = replace(fitted.model, noise=replace(noise, force=noise.force / QUIETER))
-    found = at(of, fitted.layout, quieter)
-    return (table, score_test(of, found, tested)) if found.evaluation.sound else (table,)
+    now, quieter, expected, quietest = fitted, table, -np.inf, of.declared_noise().force
+    while now.model.noise.force > quietest * QUIETER:
+        noise = replace(now.model.noise, force=now.model.noise.force / QUIETER)
+        now = at(of, fitted.layout, replace(now.model, noise=noise))
+        if not now.evaluation.sound:
+            break
+        found = score_test(of, now, tested)
+        likeliness = now.likeliness - now.twice_log_likelihood_of(
+            -max((one.gain for one in found if possible(of, one)), default=0.0)
+        )
+        if not likeliness > expected:
+            break
+        quieter, expected = found, likeliness
+    return (table,) if quieter is table else (table, quieter)
 
 
 def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
@@ -137,15 +144,17 @@ def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: fl
     gains less than `least` or has a sign that physics forbids.
     """
     best: dict[str, Score] = {}
-    orders = [
-        [one for one in table if one.gain > least and not forbidden(of, one.name, one.size, one.deviation)]
-        for table in reversed(tables)
-    ]
+    orders = [[one for one in table if one.gain > least and possible(of, one)] for table in reversed(tables)]
     for turn in zip_longest(*orders):
         for score in turn:
             if score is not None:
                 best.setdefault(kind(score.name), score)
     return list(best.values())[:SHORTLIST]
+
+
+def possible(of: Likelihood, score: Score) -> bool:
+    """Whether an effect has no sign that physics forbids, as far as its score is sure of it."""
+    return not forbidden(of, score.name, score.size, score.deviation * np.sqrt(max(score.scatter, 1.0)))
 
 
 def impossible(of: Likelihood, name: str, fitted: FittedModel) -> bool:
@@ -164,9 +173,10 @@ def forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
 
 
 def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:
-    """The model with one more effect, from the size that the score test tells."""
+    """The model with one more effect, from the size that the score test tells, and the noise that it was taken at."""
     layout, model = joined(of, fitted, score.name, score.given, score.size)
-    found = maximise(of, at(of, layout, model), ROUGH)
+    noise = model.noise if score.noise is None else score.noise
+    found = maximise(of, at(of, layout, replace(model, noise=noise)), ROUGH)
     if not found.evaluation.sound or found.objective < fitted.objective:
         found = maximise(of, at(of, layout, replace(model, theta=carried_over(fitted, layout))))
     return settle(of, at(of, layout, of.quieten(layout, found.model)))
@@ -176,7 +186,9 @@ def joined(
     of: Likelihood, fitted: FittedModel, name: str, given: Mapping[str, float], size: Array
 ) -> tuple[Layout, Model]:
     """The parameters and the model with one more effect of that size (c,)."""
-    effects = {**fitted.layout.effects_of(fitted.model), name: given}
+    bent = {one.name.partition(":")[0] for one in of.effect(name).coefficients if one.bent}
+    begun = {key: value for key, value in given.items() if key not in bent}
+    effects = {**fitted.layout.effects_of(fitted.model), name: begun}
     layout = of.layout(effects)
     theta = of.begun(layout, carried_over(fitted, layout), name, size)
     return layout, Model(effects, theta, fitted.model.noise)

@@ -3,7 +3,7 @@ signatures of the members are compared in it.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
@@ -19,7 +19,7 @@ from estimator.trace.experiments import EXPERIMENTS, SETTLED, Experiment, in_wor
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import BLOCKS, Model
-from estimator.trace.problem import Effects, Problem
+from estimator.trace.problem import Effects, Problem, Progress
 from estimator.trace.score_test import projected
 
 SURE = 1.645
@@ -56,7 +56,7 @@ class Shown(NamedTuple):
 
 def separations(
     problem: Problem, model: FittedModel, groups: Mapping[str, list[Member]], constants: Mapping[str, float],
-    progress: Callable[[str, int, int], None],
+    progress: Progress,
 ) -> dict[tuple[str, str], Advice]:  # fmt: skip
     """For each effect of a model and each other member of its group: the experiment that separates them, the simplest
     that does not take much longer.  constants: of the fitted base model, SI.

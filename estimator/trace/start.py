@@ -1,6 +1,4 @@
-"""How a pass over a record begins: about what an earlier one found, with the motion that the first cycles show; and
-when its start is over.
-"""
+"""How a pass over a record begins, with the motion that the first cycles show; and when its start is over."""
 
 import numpy as np
 
@@ -11,11 +9,6 @@ from estimator.settings import Device, ObserverSettings
 from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.start
-
-
-def begin_about(observer: Observer, previous: Observer) -> None:
-    """Give a new observer's constants the covariance `previous` ended with, widened (`Observer.begin_about`)."""
-    observer.begin_about(previous, _SET.wider)
 
 
 def begin_moving(observer: Observer, record: Record) -> None:

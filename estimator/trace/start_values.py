@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.effects.declaration import Effect, Source
+from estimator.effects.declaration import Source
 from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.residual.averaged import cross_density, power_density
@@ -19,6 +19,7 @@ from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.candidates
+_ROUNDS = 5  # after which a denominator's weights change no more
 
 Parameters = dict[str, float]
 Values = Sequence[tuple[str, tuple[float, ...]]]
@@ -28,10 +29,6 @@ Values = Sequence[tuple[str, tuple[float, ...]]]
 def labelled(shares: Sequence[float], of: float) -> Values:
     """These shares of a quantity, numbered from 1."""
     return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
-
-
-def _starts(effect: Effect) -> list[tuple[float, ...]]:
-    return [p.tried or ((p.default,) if p.default is not None else ()) for p in effect.parameters]
 
 
 def has_signals(signals: tuple[object, ...], record: Record) -> bool:
@@ -104,8 +101,36 @@ def of_modes(record: Record, device: Device, whitened: Array) -> Values:
     return values
 
 
+def rings(residuals: Sequence[Array], sample_rate: float, itself: float) -> list[tuple[float, float]]:
+    """Frequency rad/s and rate of decay 1/s (of the power) of the strongest lines that residuals (n, axes) share, none
+    of them at a multiple of the resonance `itself`, rad/s.
+    """
+    length = _SET.ring_bins * max(len(one) for one in residuals)
+    channels = [np.nan_to_num(column) for one in residuals for column in one.T]
+    spectra = [np.fft.rfft(column - np.mean(column), length) for column in channels]
+    # Lines are told by a window, or the strongest would have others beside it; how fast one dies away, without.
+    told = [np.fft.rfft((column - np.mean(column)) * np.hanning(len(column)), length) for column in channels]
+    power = np.sum([np.abs(one) ** 2 for one in told], axis=0)
+    omega: Array = 2.0 * np.pi * np.fft.rfftfreq(length, 1.0 / sample_rate).astype(np.float64)
+    order = omega / itself
+    own = (np.abs(order - np.round(order)) < _SET.ring_apart) | (order < _SET.ring_apart)
+    found: list[tuple[float, float]] = []
+    for top in (place for place in _peaks(power) if not own[place]):
+        if len(found) == _SET.rings:
+            break
+        if any(abs(omega[top] - other) < _SET.ring_apart * itself for other, _ in found):
+            continue  # a side of a line that is there already
+        near = slice(max(top - _SET.ring_bins, 1), top + _SET.ring_bins + 1)
+        seen = resonance(omega[near], [one[near] for one in spectra])
+        longest = max(len(one) for one in residuals) / sample_rate
+        found.append((float(omega[top]), 2.0 / longest) if seen is None else (seen[0], 2.0 * seen[1] * seen[0]))
+    return found
+
+
 def _peaks(series: Array) -> list[int]:
-    """Where it is larger than on either side, the largest first."""
+    """Where it is larger than on either side, the largest first; `scipy.signal`, which has this too, loads for half a
+    second.
+    """
     inner = series[1:-1]
     peaks = 1 + np.flatnonzero((inner > series[:-2]) & (inner >= series[2:]))
     return sorted(peaks.tolist(), key=lambda k: -series[k])
@@ -145,7 +170,7 @@ def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[fl
     w = omega / unit
     weight = np.ones(len(w))
     stiffness = damping = 0.0
-    for _ in range(_SET.reweighted):
+    for _ in range(_ROUNDS):
         rows, targets = [], []
         for axis, response in enumerate(responses):
             own = np.zeros((len(w), 2 + len(responses)), dtype=complex)

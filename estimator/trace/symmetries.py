@@ -11,21 +11,18 @@ such a record replaces (docs/explanation.md).
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from estimator.diagnosis import Interval
-from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
+from estimator.trace.search import FORBIDDEN
 
 _SET = THRESHOLDS.symmetries
 
 Intervals = Mapping[str, Mapping[str, Interval]]
 """By effect, by coefficient."""
-
-_CORIOLIS = np.array([[0.0, 1.0], [-1.0, 0.0]])
-_AXES = "xy"
 
 REFERENCE_CLOCK = "compare the sampling clock with a reference clock"
 KNOWN_WEIGHT = "weigh the proof mass"
@@ -44,20 +41,6 @@ def nonreciprocal_of(sizes: Intervals) -> Interval | None:
 
 
 @dataclass(frozen=True)
-class System:
-    """The equations above: stiffness, damping, drive and coriolis (2, 2) per unit mass, sense (2, 2); by how many
-    seconds sense, drive and rate are late.  The rate is that of the record: what it is multiplied by stands in C.
-    """
-
-    stiffness: Array
-    damping: Array
-    drive: Array
-    sense: Array
-    coriolis: Array
-    late: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
 class Constants:
     """What a trace found of the base model, SI, in the order xx, yy, xy; declared: the stiffness of the bench file with
     its standard deviation, 1/s².
@@ -72,8 +55,7 @@ class Constants:
 @dataclass(frozen=True)
 class Equivalent:
     """`other` in place of `effect`, with the size it then has; the measurement that tells which; how the bench file
-    declares it, "" where nothing does; how far in rad the angle moves, None where nothing is known of that; the
-    equations with it.
+    declares it, "" where nothing does; how far in rad the angle moves, None where nothing is known of that.
     """
 
     effect: str
@@ -82,7 +64,6 @@ class Equivalent:
     separate_by: str
     declare: str
     angle: float | None
-    system: System
 
     @property
     def told_by(self) -> str:
@@ -90,143 +71,67 @@ class Equivalent:
         return f"{self.separate_by}; if so, declare {self.declare}" if self.declare else self.separate_by
 
 
-def displaced(system: System, by: Array) -> System:
-    """The same voltages in coordinates x' with x = `by` x' (2, 2)."""
-    back = np.linalg.inv(by)
-    return replace(
-        system,
-        stiffness=back @ system.stiffness @ by,
-        damping=back @ system.damping @ by,
-        coriolis=back @ system.coriolis @ by,
-        drive=back @ system.drive,
-        sense=system.sense @ by,
-    )
-
-
-def retimed(system: System, unit: float) -> System:
-    """The same voltages by a clock whose second has `unit` seconds of the one before."""
-    return replace(
-        system,
-        stiffness=unit**2 * system.stiffness,
-        drive=unit**2 * system.drive,
-        damping=unit * system.damping,
-        coriolis=unit * system.coriolis,
-        late=(system.late[0] / unit, system.late[1] / unit, system.late[2] / unit),
-    )
-
-
-def reversed_in_time(system: System) -> System:
-    """The same voltages in reverse order."""
-    return replace(system, damping=-system.damping, coriolis=-system.coriolis)
-
-
-def shifted(system: System, by: float) -> System:
-    """The same voltages with every path later by so many seconds but the voltages themselves, which are less late."""
-    sense, drive, rate = system.late
-    return replace(system, late=(sense - by, drive + by, rate + by))
-
-
-def system_with(named: Intervals, constants: Constants) -> System:
-    """The system as it was found: the base model with those of the named effects that are linear."""
-
-    def of(effect: str, symbol: str) -> float:
-        return named[effect][symbol].value if effect in named else 0.0
-
-    kxx, kyy, kxy = constants.stiffness
-    dxx, dyy, dxy = constants.damping
-    kn = of("nonreciprocal_stiffness", "kn")
-    drive = [
-        [1.0 + of("drive_gain", "hx"), of("drive_misalignment", "mx")],
-        [of("drive_misalignment", "my"), 1.0 + of("drive_gain", "hy")],
-    ]
-    sense = [
-        [1.0, of("sense_cross_coupling", "ex")],
-        [of("sense_cross_coupling", "ey"), 1.0 + of("sense_gain", "gy")],
-    ]
-    late = (_mean(named["sense_delay"]) if "sense_delay" in named else 0.0, 0.0, 0.0)
-    if "drive_delay" in named:
-        late = (late[0], _mean(named["drive_delay"]), 0.0)
-    return System(
-        np.array([[kxx, kxy + kn], [kxy - kn, kyy]]),
-        np.array([[dxx, dxy], [dxy, dyy]]),
-        np.array(drive),
-        np.array(sense),
-        _CORIOLIS,
-        late,
-    )
-
-
 def equivalents(named: Intervals, constants: Constants, nonreciprocal: Interval | None) -> tuple[Equivalent, ...]:
     """All that `named` may be as well; nonreciprocal: what the record says of such a stiffness, named or not."""
-    system = system_with(named, constants)
+    coupling = constants.stiffness[2]
     found = [
-        *_of_drive_gain(named, system, constants),
-        *_of_polarity(named, system),
-        *_of_frames(named, system),
-        *_of_masses(named, system, nonreciprocal),
-        *_of_sense_gain(named, system, nonreciprocal),
-        *_of_delays(named, system),
+        *_of_drive_gain(named, constants),
+        *_of_polarity(named),
+        *_of_frames(named),
+        *_of_masses(named, coupling, nonreciprocal),
+        *_of_sense_gain(named, coupling, nonreciprocal),
+        *_of_delays(named),
     ]
     dxx, dyy, dxy = constants.damping
     if named and dxx + dyy < 0.0 and dxx * dyy > dxy**2:
-        found.append(
-            Equivalent(next(iter(named)), "time_reversal", -1.0, RING_DOWN, "", None, reversed_in_time(system))
-        )
+        found.append(Equivalent(next(iter(named)), "time_reversal", -1.0, RING_DOWN, "", None))
     return tuple(found)
 
 
-def _of_drive_gain(named: Intervals, system: System, constants: Constants) -> Iterator[Equivalent]:
+def _of_drive_gain(named: Intervals, constants: Constants) -> Iterator[Equivalent]:
     """A drive gain common to both axes: scale of time, of mass, of sense."""
     if "drive_gain" not in named or not _same(named["drive_gain"]["hx"], named["drive_gain"]["hy"]):
         return
     gain = 1.0 + _mean(named["drive_gain"])
     if gain <= 0.0:
         return
-    unit = 1.0 / float(np.sqrt(gain))
-    timed = retimed(system, unit)
-    apart = [timed.stiffness[i, i] - constants.declared[i] for i in range(2)]
-    if all(abs(off) < _SET.declared * constants.spread for off in apart):
-        slow = 1.0 / unit - 1.0
-        yield Equivalent(
-            "drive_gain", "clock_rate", slow, REFERENCE_CLOCK, _effect("clock_rate", delta=slow), 0.0, timed
-        )
+    apart = [constants.stiffness[i] / gain - constants.declared[i] for i in range(2)]
+    if all(abs(off) < FORBIDDEN * constants.spread for off in apart):
+        slow = float(np.sqrt(gain)) - 1.0
+        yield Equivalent("drive_gain", "clock_rate", slow, REFERENCE_CLOCK, _effect("clock_rate", delta=slow), 0.0)
     heavier = f"[device] mass_kg times {1.0 / gain:.6g} where the drive is a force, else the drive_gain"
-    yield Equivalent("drive_gain", "mass_scale", 1.0 / gain - 1.0, KNOWN_WEIGHT, heavier, 0.0, system)
-    scaled = displaced(system, gain * np.eye(2))
+    yield Equivalent("drive_gain", "mass_scale", 1.0 / gain - 1.0, KNOWN_WEIGHT, heavier, 0.0)
     larger = f"[device.sense] gain_V_per_m times {gain:.6g}"
-    yield Equivalent("drive_gain", "sense_scale", gain - 1.0, KNOWN_MOTION, larger, 0.0, scaled)
+    yield Equivalent("drive_gain", "sense_scale", gain - 1.0, KNOWN_MOTION, larger, 0.0)
 
 
-def _of_polarity(named: Intervals, system: System) -> Iterator[Equivalent]:
+def _of_polarity(named: Intervals) -> Iterator[Equivalent]:
     """An axis that is driven or sensed with the wrong sign: the other of the two, with coupling and rate turned."""
     for effect, symbols in (("drive_gain", ("hx", "hy")), ("sense_gain", ("", "gy"))):
         given = named.get(effect, {})
         flipped = [symbol in given and given[symbol].high < -1.0 for symbol in symbols]
         if not any(flipped):
             continue
-        mirrored = displaced(system, np.diag(np.where(flipped, -1.0, 1.0)))
         own, other = ("drive", "sense") if effect == "drive_gain" else ("sense", "drive")
         angle = 0.0 if all(flipped) else None
         turned = {symbol: 1.0 for symbol, is_turned in zip(("px", "py"), flipped, strict=True) if is_turned}
         own, other = f"{own}_polarity", f"{other}_polarity"
-        yield Equivalent(effect, own, -2.0, GRAVITY_SIGN, _effect(own, **turned), 0.0, system)
-        yield Equivalent(effect, other, -2.0, GRAVITY_SIGN, _effect(other, **turned), angle, mirrored)
+        yield Equivalent(effect, own, -2.0, GRAVITY_SIGN, _effect(own, **turned), 0.0)
+        yield Equivalent(effect, other, -2.0, GRAVITY_SIGN, _effect(other, **turned), angle)
 
 
-def _of_frames(named: Intervals, system: System) -> Iterator[Equivalent]:
+def _of_frames(named: Intervals) -> Iterator[Equivalent]:
     """A drive that is turned against the sense: either may be the one that is."""
     pairs = (("drive_misalignment", ("mx", "my")), ("sense_cross_coupling", ("ex", "ey")))
     for (effect, symbols), (other, others) in (pairs, pairs[::-1]):
         if effect not in named or not _opposite(*(named[effect][symbol] for symbol in symbols)):
             continue
         tangent = 0.5 * (named[effect][symbols[0]].value - named[effect][symbols[1]].value)
-        turn = (np.eye(2) + tangent * _CORIOLIS) / np.sqrt(1.0 + tangent**2)
-        turned = displaced(system, turn if effect == "drive_misalignment" else turn.T)
         declare = _effect(other, **dict(zip(others, (tangent, -tangent), strict=True)))
-        yield Equivalent(effect, other, tangent, GRAVITY_FRAME, declare, abs(float(np.arctan(tangent))), turned)
+        yield Equivalent(effect, other, tangent, GRAVITY_FRAME, declare, abs(float(np.arctan(tangent))))
 
 
-def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
+def _of_masses(named: Intervals, coupling: float, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
     """Another mass on one axis: the gains of its drive and its sense by the same share, the rate by that share; or, in
     coordinates that are not scaled, a drive gain and a stiffness that is not symmetric (and a Coriolis force that is
     not: exact but for 2 Ω times the share).
@@ -236,27 +141,22 @@ def _of_masses(named: Intervals, system: System, nonreciprocal: Interval | None)
         return
     if sense is not None and _nothing(drive["hx"], drive["hy"]) and _same(drive["hy"], sense["gy"]):
         mass = (1.0 + sense["gy"].value) ** -2
-        even = displaced(system, np.diag([1.0, 1.0 / (1.0 + sense["gy"].value)]))
         declare = _effect("unequal_masses", m=mass - 1.0)
-        yield Equivalent("sense_gain", "unequal_masses", mass - 1.0, GRAVITY_SIZE, declare, None, even)
+        yield Equivalent("sense_gain", "unequal_masses", mass - 1.0, GRAVITY_SIZE, declare, None)
         return
     if sense is not None or nonreciprocal is None:
         return
     for axis, gain in _of_one_axis(drive):
-        share = _coupling(system) * (1.0 - gain) / (1.0 + gain)
+        share = coupling * (1.0 - gain) / (1.0 + gain)
         if _shows(nonreciprocal, share if axis == 1 else -share):
-            coriolis = np.diag([gain, 1.0] if axis == 0 else [1.0, gain]) @ system.coriolis
             # The effect counts masses and forces by the mass of x; effects add up.
             declare = _effect("unequal_masses", m=(1.0 / gain if axis == 1 else gain) - 1.0)
             if axis == 0:
                 declare += " and " + _effect("drive_gain", hx=gain - 1.0, hy=1.0 - 1.0 / gain)
-            yield Equivalent(
-                "drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None,
-                replace(system, coriolis=coriolis),
-            )  # fmt: skip
+            yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None)
 
 
-def _of_sense_gain(named: Intervals, system: System, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
+def _of_sense_gain(named: Intervals, coupling: float, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
     """A drive gain of one axis, with kn as large as kxy makes it: the sense gain of that axis, in coordinates that are
     scaled (and a Coriolis force that is not antisymmetric: exact but for 2 Ω times the share).
     """
@@ -264,13 +164,10 @@ def _of_sense_gain(named: Intervals, system: System, nonreciprocal: Interval | N
     if drive is None or "sense_gain" in named or nonreciprocal is None:
         return
     for axis, gain in _of_one_axis(drive):
-        share = _coupling(system) * (gain**2 - 1.0) / (gain**2 + 1.0)
+        share = coupling * (gain**2 - 1.0) / (gain**2 + 1.0)
         if _shows(nonreciprocal, share if axis == 0 else -share):
-            scale = np.diag([gain, 1.0] if axis == 0 else [1.0, gain])
             declare = _effect("sense_gain", gy=gain - 1.0) if axis == 1 else ""
-            yield Equivalent(
-                "drive_gain", "sense_gain", gain - 1.0, VARYING_RATE, declare, None, displaced(system, scale)
-            )
+            yield Equivalent("drive_gain", "sense_gain", gain - 1.0, VARYING_RATE, declare, None)
 
 
 def _of_one_axis(drive: Mapping[str, Interval]) -> Iterator[tuple[int, float]]:
@@ -281,43 +178,19 @@ def _of_one_axis(drive: Mapping[str, Interval]) -> Iterator[tuple[int, float]]:
             yield axis, gain
 
 
-def _coupling(system: System) -> float:
-    """The symmetric part of what couples the axes."""
-    return float(0.5 * (system.stiffness[0, 1] + system.stiffness[1, 0]))
-
-
 def _shows(found: Interval, expected: float) -> bool:
     """Whether a coefficient may be what is expected."""
     return found.low <= expected <= found.high or _near(found.value, expected)
 
 
-def mass_of_nonreciprocal(kxy: float, kn: float) -> float | None:
-    """By how much more mass y has than x where nothing drives and a stiffness that is not symmetric is what is missing:
-    rows of one symmetric matrix over two masses, (kxy + kn) / (kxy − kn) = 1 + m.  None where no mass does.
-    """
-    above, below = kxy + kn, kxy - kn
-    return above / below - 1.0 if above * below > 0.0 else None
-
-
-def mass_of_sense_gain(gy: float) -> float | None:
-    """The same where a sense gain is: y in units in which both masses are one.  None for the other sign."""
-    return (1.0 + gy) ** -2 - 1.0 if gy > -1.0 else None
-
-
-def heavier(mass: float) -> str:
-    """What tells and what declares it."""
-    return f"{GRAVITY_SIZE}; if so, declare {_effect('unequal_masses', m=mass)}"
-
-
-def _of_delays(named: Intervals, system: System) -> Iterator[Equivalent]:
+def _of_delays(named: Intervals) -> Iterator[Equivalent]:
     """Both channels late by as much: of the sense or of the drive, with the rate as late."""
     pairs = (("sense_delay", ("tsx", "tsy")), ("drive_delay", ("tux", "tuy")))
     for (effect, symbols), (other, others) in (pairs, pairs[::-1]):
         if effect in named and _same(*(named[effect][symbol] for symbol in symbols)):
             late = _mean(named[effect])
-            moved = shifted(system, late if effect == "sense_delay" else -late)
             declare = _effect(other, **dict.fromkeys(others, late))
-            yield Equivalent(effect, other, late, TIMED_RATE, declare, None, moved)
+            yield Equivalent(effect, other, late, TIMED_RATE, declare, None)
 
 
 def _effect(name: str, **coefficients: float) -> str:

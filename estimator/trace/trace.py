@@ -15,24 +15,33 @@ from estimator.trace.examination import Examination, examine
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import RISE, FittedModel, finished, fit, maximise, settle
 from estimator.trace.fitness import require_traceable
-from estimator.trace.free_run import FreeRun, chance_of
+from estimator.trace.free_run import FreeRun
 from estimator.trace.likelihood import Evaluation, Likelihood
 from estimator.trace.named import constants_of, effects_of
-from estimator.trace.problem import Problem
+from estimator.trace.problem import Problem, Progress, unseen
 from estimator.trace.reference import departures
 from estimator.trace.rejected import Failed
 from estimator.trace.result import Judged, diagnosis, share_of
 from estimator.trace.search import without_effect
 
-Progress = Callable[[str, int, int], None]
+CLOSE = 0.01
+"""Share of what an effect gains, to which the model without it is fitted."""
 
 
-def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, done, total: None) -> Diagnosis:
+def trace(problem: Problem, *, split: int, progress: Progress = unseen) -> Diagnosis:
     """Choose effects on the samples before `split`, score them on the rest.
 
     The observer of `problem` is the bench's; effects that it carries already stay.
 
     Raises ModelError for a record that cannot be traced, with what to record instead.
+    """
+    chosen, judged, before = judged_on(problem, split, progress)
+    return diagnosis(problem, split, chosen, judged, (before, judged.after), progress)
+
+
+def judged_on(problem: Problem, split: int, progress: Progress = unseen) -> tuple[Chosen, Judged, Examination]:
+    """What is chosen on the samples before `split`, what the checks say of it on the rest, and what the bench's
+    observer made of the record before.  Raises ModelError as `trace` does.
     """
     require_traceable(problem.record, problem.device, split)
     # A record that the bench's observer does not follow at all is refused before anything is searched for.
@@ -42,30 +51,32 @@ def trace(problem: Problem, *, split: int, progress: Progress = lambda stage, do
     progress("checks", 0, 1)
     if before is None or isinstance(whole, FreeRun):
         before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
-    judged = judge(problem, whole, chosen, before, split)
+    judged = judge(chosen, partial(judged_of, problem, whole, chosen, before, split))
     progress("checks", 1, 1)
-    return diagnosis(problem, split, chosen, judged, before, progress)
+    return chosen, judged, before
 
 
-def judge(problem: Problem, whole: Likelihood, chosen: Chosen, before: Examination, split: int) -> Judged:
-    """The chosen model and what the checks say of it, less effects that a check rejects where the others then stand.
+def judge(chosen: Chosen, of: Callable[[FittedModel], Judged]) -> Judged:
+    """The chosen model and what the checks say of it, less effects that a check rejects where the others then stand;
+    of: what they say of a model.
 
-    Where they do not, the model as it was chosen is the best candidate.
+    Where the others do not stand, the model as it was chosen is the best candidate.
     """
-    first = now = _judged(problem, whole, chosen, chosen.after, before, split)
+    first = now = of(chosen.after)
     failed: dict[str, Failed] = {}
     while rejected := {check.effect: check.sentence for check in now.checks if check.effect and not check.passed}:
         without, model = now.evidence.without, now.evidence.model
         name = min(rejected, key=lambda effect: model.gain_over(without[effect]))
         failed[name] = Failed(rejected[name], model)
         less = chosen.before if len(without) == 1 else finished(chosen.of, settle(chosen.of, without[name]))
-        now = replace(_judged(problem, whole, chosen, less, before, split), failed=dict(failed))
+        now = replace(of(less), failed=dict(failed))
     return first if now.verdict is Verdict.UNEXPLAINED else now
 
 
-def _judged(
-    problem: Problem, whole: Likelihood, chosen: Chosen, model: FittedModel, before: Examination, split: int
+def judged_of(
+    problem: Problem, whole: Likelihood, chosen: Chosen, before: Examination, split: int, model: FittedModel
 ) -> Judged:
+    """A model on the part held out, and what the checks say of it."""
     later, after = whole.part(slice(split, min(whole.samples, split + REFINED))), before
     if model.model.effects != chosen.before.model.effects:
         try:
@@ -75,7 +86,7 @@ def _judged(
     evidence = evidence_of(later, chosen, model, before, after)
     if problem.device.axes == 2 and after is not before:
         evidence = replace(evidence, references=tuple(departures(problem, before, after, split)))
-    share = share_of(evidence) if evidence.without else None
+    share = share_of(evidence.before_ratio, evidence.floor_ratio) if evidence.without else None
     return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, share, {})
 
 
@@ -111,12 +122,14 @@ def evidence_of(
     return Evidence(
         fitted, model, without, held_out, {name: over_later(one) for name, one in without.items()},
         later.above_floor(held_out, after), quiet, disturbed, lacking, later.above_floor(lacking, before),
-        chance=chance_of(held_out) if isinstance(later, FreeRun) else 1.0,
+        chance=later.chance(held_out),
     )  # fmt: skip
 
 
 def _without(of: Likelihood, model: FittedModel, name: str) -> FittedModel:
     """The model with one effect less, fitted anew at the noise that it has with it: a larger random force would follow
-    what the effect explains.
+    what the effect explains.  To within a small share of what the effect gains: a model that is out of the question has
+    a likelihood with no top near by.
     """
-    return maximise(of, without_effect(of, model, name), rise=RISE)
+    start = without_effect(of, model, name)
+    return maximise(of, start, rise=max(RISE, CLOSE * (model.objective - start.objective)))

@@ -73,23 +73,28 @@ def add_effects(source: Path, target: Path, additions: Iterable[Addition]) -> No
 
 
 def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> tuple[list[str], list[str]]:
-    """Write the bench file `source` with the form of the missing force to `target`, a [effects.custom] for each term.
+    """Write the bench file `source` with the form of the missing force to `target`, a [effects.custom] for each term
+    that is no effect of the catalogue.
 
     record: on which it was found.  Gives the names that were written, and the terms that were not, as that grammar has
     no memory; a term of which each coefficient may as well be zero is left out.  Where nothing can be written, `target`
     is not.  InputError as of `write_custom`.
     """
-    text = source.read_text(encoding="utf-8")
+    text, remark = source.read_text(encoding="utf-8"), f"a form, no cause; traced in {record}"
     written: list[str] = []
-    for term in missing.form:
-        if not term.declarable:
+    for term in (one for one in missing.form if one.declarable and one.effect not in written):
+        if term.effect:
+            numbers = {**term.coefficients, **term.inside}
+            given = {symbol: (_rounded(one), f"95 %: {_ends(one)} {one.unit}") for symbol, one in numbers.items()}
+            text = text.rstrip("\n") + "\n" + _table(Addition(term.effect, remark, given))
+            written.append(term.effect)
             continue
         symbols = {label: f"c_{label.replace(' ', '_')}" for label in term.coefficients}
         along = [
             " + ".join(f"{symbols[label]}*({laws[axis]})" for label, laws in term.laws.items() if laws[axis])
             for axis in (0, 1)
         ]
-        name = f"form_{len(written) + 1}"
+        name = f"form_{1 + sum(one.startswith('form_') for one in written)}"
         turns = any("sign(" in law for law in along)
         text = write_custom(
             text,
@@ -99,7 +104,7 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
             sensed=along if term.sensed else (),
             parameters={} if turns else {symbol: (one.value or 0.0, one.unit) for symbol, one in term.inside.items()},
             title=f"{'Sensed' if term.sensed else 'Force'} of the form {term.form}",
-            remark=f"a form, no cause; traced in {record}",
+            remark=remark,
         )
         if turns:  # the number inside is that at which a direction turns over, which the grammar has as v_rest
             (rest,) = term.inside.values()
@@ -109,7 +114,7 @@ def add_form(source: Path, target: Path, missing: MissingForce, record: str) -> 
         text, expected = _with_board(text, tomllib.loads(text), source, target)
         parse_table(expected, Bench, str(target))
         write_text(target, text)
-    return written, [term.form for term in missing.form if not term.laws]
+    return written, [term.form for term in missing.form if not term.laws and not term.effect]
 
 
 def write_custom(

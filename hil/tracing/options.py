@@ -1,6 +1,6 @@
 """What may be asked of a trace beside records and bench: one declaration, from which every caller takes its options.
 
-As `hil.loop.options`: `hil trace`, `hil.trace`, a trace in a test, the service's requests and [trace] of a campaign
+As `hil.running.options`: `hil trace`, `hil.trace`, a trace in a test, the service's requests and [trace] of a campaign
 file are made of it.
 """
 

@@ -14,12 +14,13 @@ from hil.bench.by_verb import require_usable
 from hil.errors import InputError
 from hil.inputs.captured import control_of, drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
-from hil.loop.run import new_folder
 from hil.progress import Progress, Watcher
 from hil.records.atomic import require_place
 from hil.records.capture import Capture, read_capture
 from hil.records.diagnosis import save_diagnosis, to_model
+from hil.records.trims import trims_beside
 from hil.replaying.replay import require_fit
+from hil.running.run import new_folder
 from hil.tracing.request import TraceRequest
 from hil.tracing.time_left import TimeLeft
 from hil.tracing.traced import Traced, called
@@ -41,6 +42,10 @@ def trace_pool_files(request: TraceRequest, bench: Bench, out: Path, progress: W
     records = [read_capture(place) for place in captures]
     for place, record in zip(captures, records, strict=True):
         require_fit(record, bench, place)
+        if trims_beside(place) is not None:
+            raise InputError(f"{place}: trim voltages changed the springs; trace this record alone, not with others")
+        if record.carrier_Hz is not None:
+            raise InputError(f"{place}: demodulated streams, of which one record is traced at a time")
     names = _names(captures)
     _require_alike(captures, records)
     device = recorded_device_of(bench, records[0])

@@ -18,11 +18,11 @@ from estimator.trace.experiments import (
 )
 from hil.bench import Bench, override
 from hil.errors import InputError
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.progress import Watcher
 from hil.records.diagnosis import Diagnosis, Separation
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
+from hil.running.run import run
 from hil.tracing.options import TraceOptions
 from hil.tracing.request import request_of
 from hil.tracing.trace import trace

@@ -7,8 +7,7 @@ import numpy as np
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.settings import Device
-from estimator.trace.fitness import require_length
-from estimator.trace.rest import moves_until
+from estimator.trace.fitness import moves_until, require_length
 from hil.records.capture import Capture
 
 FRACTION = 0.6

@@ -19,7 +19,7 @@ from hil.bench.ratio import drive_words
 from hil.errors import InputError
 from hil.inputs.captured import control_of, drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
-from hil.loop.run import new_folder
+from hil.inputs.trimmed import at_rest
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_place, write_sealed
 from hil.records.capture import Capture, RowFlag, read_capture
@@ -27,7 +27,10 @@ from hil.records.diagnosis import MissingForce as WrittenForce
 from hil.records.diagnosis import save_diagnosis, to_model
 from hil.records.force import refused, save_force
 from hil.records.force import to_model as force_model
-from hil.replaying.replay import require_fit
+from hil.records.trims import trims_beside
+from hil.replaying.replay import fitting, require_fit
+from hil.running.run import new_folder
+from hil.tracing.demodulated import trace_streams
 from hil.tracing.envelope import trace_ring_down
 from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor
 from hil.tracing.request import TraceRequest
@@ -72,9 +75,11 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
     require_usable(bench, "trace")
     workers()  # no number of them is told before minutes are spent
     require_place(out)
-    captured = read_capture(capture)
-    require_fit(captured, bench, capture)
+    captured, bench = fitting(capture, bench)
+    captured, bench, trimmed = at_rest(captured, bench, trims_beside(capture))
     captured, held_out = parts_of(captured, fraction)
+    if captured.carrier_Hz is not None:
+        return _trace_streams(request, bench, out, captured, sample_of(captured, held_out))
     device, settings = recorded_device_of(bench, captured), observer_settings_of(bench)
     part = Part(captured, record_of(captured, drives_of(captured, device)), sample_of(captured, held_out))
     if fraction is None and "train" not in captured.segments:
@@ -105,7 +110,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         record=called(capture),
         bench=bench.device.name,
         sense_unit=bench.device.sense.unit,
-        prepared=(*captured.prepared, *part.said, *remarks(record, device)),
+        prepared=(*captured.prepared, *filter(None, [trimmed]), *part.said, *remarks(record, device)),
         missing_force=about,
     )
     folder = new_folder(out, bench)
@@ -154,6 +159,21 @@ def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, Writte
     except ModelError as error:
         return None, refused(str(error))
     return found, force_model(found)
+
+
+def _trace_streams(request: TraceRequest, bench: Bench, out: Path, captured: Capture, split: int) -> Traced:
+    """The same of demodulated streams: whether the averaged motion accounts for them."""
+    capture = request.capture
+    found = interruptible(lambda: trace_streams(capture, captured, bench, split))
+    diagnosis = to_model(found, record=called(capture), bench=bench.device.name, prepared=captured.prepared)
+    folder = new_folder(out, bench)
+    save_diagnosis(folder / "diagnosis.json", diagnosis)
+    if request.report:
+        from hil.report.diagnosis.page import Pictures, write_page
+
+        seconds = f"{len(captured) / captured.tick_rate_Hz:.4g} s"
+        write_page(folder, diagnosis, Pictures(), ("Record", seconds, f"{len(captured)} rows"), seconds)
+    return Traced(folder, diagnosis)
 
 
 def _trace_sensor(request: TraceRequest, bench: RateSensorBench, out: Path, progress: Watcher) -> Traced:

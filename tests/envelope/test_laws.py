@@ -7,7 +7,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
-from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.effects.declaration import Coefficient, Compensation, Effect
 from estimator.envelope.course import Power, level_at
 from estimator.envelope.laws import laws
 from estimator.errors import ModelError
@@ -36,7 +36,7 @@ def test_the_catalogue_has_the_laws_of_the_textbook_and_no_other():
 
 def own(force: sp.Expr, *coefficients: str) -> Effect:
     given = tuple(Coefficient(sp.Symbol(name), name, 0.01, -4, 3) for name in coefficients)
-    return Effect("own", None, given, "here", "", Undone.CANCEL, force=(force, sp.Integer(0)))
+    return Effect("own", None, given, "here", "", Compensation.CANCEL, force=(force, sp.Integer(0)))
 
 
 @pytest.mark.moderate

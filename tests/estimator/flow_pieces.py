@@ -5,34 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from estimator.core.layout import MAX_ENTRIES, MAX_SIGNALS, MAX_SLIPS, SETTINGS
 from estimator.scaling import Array
-from tests.estimator.core_pieces import built, piece
+from tests.estimator.core_pieces import STRUCTURES, piece
 
-MAX_COLUMNS = (MAX_ENTRIES + 3) // 4 * 4
-_PUSH = np.dtype(
-    [
-        ("constants", "i8"),
-        ("force", "f8", (2,)),
-        ("by_states", "f8", (8,)),
-        ("by_constants", "f8", (2 * (MAX_COLUMNS + 4),)),
-        ("drive", "f8", (2,)),
-        ("signals", "f8", (2 * MAX_SIGNALS,)),
-        ("slips", "f8", (MAX_SLIPS, MAX_COLUMNS)),
-    ]
-)
-_FLOW_WORK = np.dtype(
-    [
-        ("columns", "i8"),
-        ("term", "f8", (4 * MAX_COLUMNS,)),
-        ("other", "f8", (4 * MAX_COLUMNS,)),
-        ("out", "f8", (4 * MAX_COLUMNS,)),
-        ("push", _PUSH),
-        ("powers", "f8", (61, 16)),
-        ("drifts", "f8", (4, 80)),
-        ("entries", "f8", (4, 8)),
-    ]
-)
+_PUSH, _FLOW_WORK = (STRUCTURES.row(name) for name in ("Push", "FlowWork"))
 
 
 class Push:
@@ -47,19 +23,23 @@ class Push:
         self.by_constants = self.record["by_constants"][: 2 * constants].reshape(2, constants)
 
 
+def _filled(states: int, columns: int) -> int:
+    return columns if columns == 1 or states < 4 else -(-columns // 4) * 4
+
+
 class FlowWork:
-    """Scratch of a flow whose columns are so many: arrays that are live in `record`."""
+    """Scratch of a flow whose columns are so many, of two axes filled up to fours: arrays that are live in `record`."""
 
     def __init__(self, states: int, constants: int, columns: int) -> None:
         assert piece("flow_work_size", result=ctypes.c_int64, source="flow_pieces.c") == _FLOW_WORK.itemsize
         self.record = np.zeros(1, _FLOW_WORK)[0]
-        self.record["columns"] = columns
-        self.out = self.record["out"][: states * columns].reshape(states, columns)
+        self.record["columns"] = self.columns = _filled(states, columns)
+        self.out = self.record["out"][: states * self.columns].reshape(states, -1)[:, :columns]
         self.push = Push(states, constants, self.record["push"])
 
 
 class _Interval(ctypes.Structure):
-    _fields_ = (("time", ctypes.c_double), ("h", ctypes.c_double), ("u", ctypes.c_void_p), ("terms", ctypes.c_int64))
+    _fields_ = STRUCTURES.fields("Interval")
 
 
 class Interval:
@@ -70,117 +50,12 @@ class Interval:
         self.record = np.frombuffer(_Interval(time, h, self.u.ctypes.data, self.u.shape[1]), np.uint8)
 
 
-class Cuts:
-    """Where an interval is cut."""
-
-    def __init__(self) -> None:
-        self._record = np.zeros(25)
-        self.at = self._record[1:]
-
-    @property
-    def record(self) -> Array:
-        return self._record
-
-    @property
-    def count(self) -> int:
-        return int(self._record[:1].view(np.int64)[0])
-
-
 class _Way(ctypes.Structure):
     _fields_ = tuple((name, ctypes.c_double) for name in ("value", "by_value", "by_way", "by_reach"))
 
 
 def _call(name: str, *given: Any, result: Any = None) -> Any:
     return piece(name, *(getattr(one, "record", one) for one in given), result=result, source="flow_pieces.c")
-
-
-def _number(name: str, *given: Any) -> float:
-    return float(_call(name, *given, result=ctypes.c_double))
-
-
-def _settings(states: int, first: int) -> Any:
-    settings = np.zeros(1, SETTINGS)
-    settings["states"], settings["axes"], settings["sense_constants"] = states, states // 2, first
-    return settings[0]
-
-
-def drive_at(u: Array, at: float, out: Array) -> None:
-    _call("drive_at", u, *u.shape, float(at), out)
-
-
-def part_of(u: Array, start: float, length: float) -> Array:
-    out = np.full(u.shape, 9.0)
-    _call("part_of", u, *u.shape, float(start), float(length), out)
-    return out
-
-
-def along(*cubic: float) -> float:
-    return _number("along", np.array(cubic[:4]), float(cubic[4]))
-
-
-def passing(*cubic: float) -> float:
-    return _number("passing", np.array(cubic))
-
-
-def insert_sorted(cuts: Cuts, value: float) -> None:
-    _call("insert_sorted", cuts, value)
-
-
-def late_polynomial(u: Array, past: Array, axis: int, delay: float, start: float, length: float, out: Array) -> None:
-    _call("late_polynomial", Interval(0.0, 1.0, u), past, axis, float(delay), float(start), float(length), out)
-
-
-def late_by(delay: float, h: float) -> float:
-    return _number("late_by", float(delay), float(h))
-
-
-def push_two(first: int, weight: float, out: Array, push: Push) -> None:
-    _call("push_two", _settings(4, first), weight, out.shape[1], out, push)
-
-
-def push_one(first: int, weight: float, out: Array, push: Push) -> None:
-    _call("push_one", _settings(2, first), weight, out.shape[1], out, push)
-
-
-def kick(settings: Any, c: Array, weight: float, out: Array, push: Push) -> None:
-    _call("kick", settings, c, weight, out.shape[1], out.shape[1], np.zeros_like(out), out, push)
-
-
-def drift_lengths() -> tuple[float, ...]:
-    return tuple((ctypes.c_double * 8).in_dll(built("flow_pieces.c"), "DRIFTS"))
-
-
-def drift_matrices(c: Array, u: Array, h: float, order: int, out: Array) -> None:
-    _call("drift_matrices", c, u, float(h), order, np.zeros((order + 1, 16)), out)
-
-
-def drift(which: int, drifts: Array, out: Array) -> None:
-    _call("drift", drifts[which], out.shape[1], out)
-
-
-def push_entries(weight: float, by_states: Array, entries: Array) -> None:
-    _call("push_entries", weight, by_states, entries)
-
-
-def find_slopes(settings: Any, c: Array, u: Array, begin: Array, end: Array) -> Array:
-    swing = np.zeros(17)
-    swing[:4], swing[4:8] = begin, end
-    _call("find_slopes", settings, Interval(0.0, 1.0, u), c, swing)
-    return swing[8:16].reshape(2, 4)
-
-
-def turnovers(settings: Any, interval: Interval, c: Array, work: FlowWork) -> Cuts:
-    cuts = Cuts()
-    _call("turnovers", settings, interval, c, work, cuts)
-    return cuts
-
-
-def catches(s: float, width: float, cubic: tuple[float, ...], turn: float, cuts: Cuts) -> None:
-    _call("catches", float(s), float(width), np.array(cubic), float(turn), cuts)
-
-
-def begin_ways(settings: Any, c: Array, s: Array, columns: int, push: Push) -> None:
-    _call("begin_ways", settings, c, s, columns, push)
 
 
 def slid(z: float, way: float, reach: float) -> tuple[float, float, float, float]:
@@ -196,37 +71,8 @@ def _way(name: str, *numbers: float) -> tuple[float, float, float, float]:
     return found.value, found.by_value, found.by_way, found.by_reach
 
 
-def slide(settings: Any, c: Array, h: float, before: Array, out: Array, push: Push) -> None:
-    _call("slide", settings, c, h, out.shape[1], out.shape[1], before, out, push.slips)
-
-
-def push_slips(settings: Any, weight: float, moves: bool, out: Array, push: Push) -> None:
-    # An int where the others are of 64 bits: what stands above it is not read.
-    _call("push_slips", settings, weight, moves, out.shape[1], out, push)
-
-
-def line_values(settings: Any, time: float, w: Array) -> None:
-    _call("line_values", settings, float(time), w)
-
-
 def signal_values(settings: Any, memory: Any, time: float, w: Array) -> None:
     _call("signal_values", settings, memory, float(time), w)
-
-
-def directions(settings: Any, s: Array, w: Array) -> None:
-    _call("directions", settings, s, w)
-
-
-def turns_over(settings: Any, i: int) -> bool:
-    return bool(_call("turns_over", settings, i, result=ctypes.c_int))
-
-
-def lagged(value: float, u: Array, axis: int, share: float) -> float:
-    return _number("lagged", float(value), u[axis], u.shape[1], float(share))
-
-
-def leaking(value: float, u: Array, axis: int, rate: float, h: float) -> float:
-    return _number("leaking", float(value), u[axis], u.shape[1], float(rate), float(h))
 
 
 def advance_signals(settings: Any, memory: Any, c: Array, u: Array, h: float) -> None:
@@ -234,12 +80,15 @@ def advance_signals(settings: Any, memory: Any, c: Array, u: Array, h: float) ->
 
 
 def flow(settings: Any, interval: Interval, past: Array, c: Array, s: Array, columns: int, work: FlowWork) -> None:
-    _call("flow", settings, interval, past, c, s, columns, work)
+    _call("flow", settings, interval, past, c, s, 1 if columns == 1 else work.columns, work)
 
 
 def taylor(model: int, c: Array, u: Array, h: float, order: int, columns: int, out: Array) -> None:
-    stride = out.shape[1]
-    _call("taylor", model, c, u, u.shape[1], float(h), order, columns, np.zeros_like(out), out, stride)
+    filled = _filled(len(out), columns)
+    wide = np.zeros((len(out), max(filled, out.shape[1])))
+    wide[:, : out.shape[1]] = out
+    _call("taylor", model, c, u, u.shape[1], float(h), order, filled, np.zeros_like(wide), wide, wide.shape[1])
+    out[:] = wide[:, : out.shape[1]]
 
 
 def senses_otherwise(settings: Any) -> bool:

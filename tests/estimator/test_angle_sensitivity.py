@@ -1,15 +1,14 @@
 """The angle's sensitivity that a scan follows, against what carrying a small effect really does to the angle."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from estimator.completeness.scan import COURSE, PARTS, scan
+from estimator.completeness.turning import followed, instants
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.observer import Observer
-from estimator.scaling import Array
+from estimator.scaling import Array, Scaling
 from estimator.settings import ControllerSettings, Gain, ObserverSettings
 from estimator.trace.observed import run
 from estimator.trace.problem import Problem
@@ -41,27 +40,22 @@ def carried(name: str, settings: ObserverSettings, sizes: dict[str, float]) -> A
     return run(observer, record()).angle
 
 
-def instants(samples: int) -> Array:
-    """Sample numbers at which a scan keeps the sensitivity."""
-    edges = np.linspace(0, samples, PARTS + 1).astype(int)
-    steps = np.arange(1, COURSE + 1) / COURSE
-    return np.concatenate([begin + np.ceil(steps * (end - begin)) - 1 for begin, end in pairwise(edges)])
-
-
 @pytest.mark.beyond(len(NAMES))
 @pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("settings", [SETTINGS, FADING], ids=["ekf", "fading"])
 def test_the_angle_moves_as_the_scan_says(name: str, settings: ObserverSettings) -> None:
-    seen = scan(Problem(record(), DEVICE, settings, CONTROLLER), {name: PARAMETERS.get(name, {})}, weighed=False)
-    at = instants(len(record())).astype(int)
+    problem = Problem(record(), DEVICE, settings, CONTROLLER)
+    _, course = followed(problem, {name: PARAMETERS.get(name, {})})
+    at = instants(len(record()))
     _, effect = effect_for(name, 2)
     none = {c.name: 0.0 for c in effect.coefficients}
     without = carried(name, settings, none)
     for column, coefficient in enumerate(effect.coefficients):
-        size = SMALL * seen.plausible[column]
+        plausible = coefficient.plausible * Scaling.of(DEVICE).coefficient(coefficient)
+        size = SMALL * plausible
         moved = (carried(name, settings, {**none, coefficient.name: size}) - without)[at] / SMALL
-        said = seen.course[:, column] * seen.plausible[column]
+        said = course[:, column] * plausible
         off = np.sqrt(np.mean((said - moved) ** 2))
         assert off < 0.05 * np.sqrt(np.mean(moved**2)) + LEAST, coefficient.name
 
@@ -71,7 +65,7 @@ def test_the_gradient_of_the_pattern_is_that_of_its_angle() -> None:
     for _ in range(20):
         s, virtual, rate = random.standard_normal(4), 0.02, 0.01 * random.standard_normal()
         got = np.zeros(5)
-        piece("s_gradient", s, 1.1, rate + virtual, rate, got, source="scan_pieces.c")
+        piece("p_gradient", s, 1.1, rate + virtual, rate, got)
         for i in range(5):
             ends = []
             for side in (-1e-6, 1e-6):

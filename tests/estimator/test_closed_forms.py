@@ -1,9 +1,6 @@
 """Pieces of tracing by themselves, each beside its closed form or what its page promises."""
 
 import math
-import subprocess
-import sys
-from dataclasses import fields
 from types import SimpleNamespace
 from typing import Any
 
@@ -11,17 +8,14 @@ import mpmath
 import numpy as np
 import pytest
 from scipy import stats
-from scipy.signal import lfilter
 
 from estimator.diagnosis import Verdict
 from estimator.errors import DivergedError
-from estimator.observer import Estimates, Observer
+from estimator.observer import Observer
 from estimator.record import Record
-from estimator.residual import dependence, spectrum, whiteness
+from estimator.residual import spectrum, whiteness
 from estimator.residual.analysis import analyse
-from estimator.residual.demodulation import demodulate, motion
 from estimator.settings import Device, ObserverSettings, Spread
-from estimator.thresholds_page import page
 from estimator.trace import examination, fitness
 from estimator.trace.problem import Problem
 
@@ -70,14 +64,6 @@ def test_a_problem_on_another_record_is_the_same_but_for_that() -> None:
 )
 def test_a_verdict_is_open_where_something_is_left(verdict: Verdict, *, is_open: bool) -> None:
     assert verdict.is_open is is_open
-
-
-@pytest.mark.moderate
-def test_the_page_of_thresholds_is_what_its_module_prints() -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "estimator.thresholds_page"], capture_output=True, text=True, check=True
-    )
-    assert done.stdout == page()
 
 
 @pytest.mark.parametrize(("share", "seen"), [(0.02, False), (0.9, True)])
@@ -145,27 +131,7 @@ def test_an_observer_that_does_not_follow_is_told_and_no_error_of_arithmetic(k3:
         examination.examine(problem, 5000)
 
 
-def test_a_part_of_the_estimates_has_the_states_of_its_own_samples() -> None:
-    n = 40
-    still = dict.fromkeys((field.name for field in fields(Estimates)), np.arange(n))
-    states = np.arange(8)[:, None]
-    whole = Estimates(**(still | {"names": ("x",), "state": states, "deviation": states, "index": np.arange(4, n, 5)}))
-    part = examination.part_of(whole, slice(10, 30), 5)
-    assert part.index.tolist() == [4, 9, 14, 19]
-    assert part.state[:, 0].tolist() == [2, 3, 4, 5]
-    assert part.innovation.tolist() == list(range(10, 30))
-
-
 # -- the residual ----------------------------------------------------------------------------------------------------
-
-
-def vibration(n: int) -> Estimates:
-    t = np.arange(n) / RATE
-    state = 1e-4 * np.stack([np.cos(OMEGA * t), -OMEGA * np.sin(OMEGA * t), 0.0 * t, 0.0 * t], axis=1)
-    still = dict.fromkeys((field.name for field in fields(Estimates)), np.zeros(n))
-    return Estimates(
-        **(still | {"names": ("x", "vx", "y", "vy"), "index": np.arange(n), "state": state, "deviation": 0.0 * state})
-    )
 
 
 @pytest.mark.moderate
@@ -173,39 +139,10 @@ def test_a_floor_above_the_declared_noise_is_a_finding() -> None:
     n, noise = 20_000, 9e-5
     series = 1.5 * noise * np.random.default_rng(5).standard_normal((n, 2))
     record = Record(series, np.zeros((n, 2, 1)), np.full(n, 1.0 / RATE))
-    _, found, _ = analyse(series, np.full((n, 2), noise), vibration(n), record, HZ)
+    _, found, _ = analyse(series, np.full((n, 2), noise), record, HZ)
     (level,) = (one for one in found if one.kind == "level")
     assert level.text.startswith("the noise floor itself is 1.5")
     assert level.size == pytest.approx(noise * np.sqrt(2.0 * (1.5**2 - 1.0)), rel=0.05)
-
-
-def test_the_residual_is_looked_at_in_blocks_of_four_cycles() -> None:
-    n = 6400
-    moving = motion(vibration(n), n, RATE / HZ)
-    seen = demodulate(np.zeros((n, 2)), moving, RATE / HZ).components
-    assert {len(values) for values in seen.values()} == {n // 80}
-
-
-@pytest.mark.parametrize("memory", [0.7, -0.7])
-def test_a_dependence_is_never_surer_than_by_either_count(memory: float) -> None:
-    """Whether errors follow each other or alternate."""
-    random = np.random.default_rng(6)
-    error, regressor = lfilter([1.0], [1.0, -memory], random.standard_normal((2, 600)), axis=1)
-    if memory < 0.0:
-        regressor = np.abs(memory) * np.abs(regressor)
-    entry = dependence.dependences({"c": error + 0.1 * regressor}, {"r": regressor})[1]
-    expected = stats.linregress(regressor, error + 0.1 * regressor)
-    ordinary = abs(float(expected.slope / expected.stderr))
-    assert abs(entry.t) <= 1.0001 * ordinary
-    if memory > 0.0:
-        assert abs(entry.t) < 0.8 * ordinary
-
-
-def test_without_a_regressor_the_mean_is_asked() -> None:
-    target = 0.5 + np.random.default_rng(7).standard_normal(400)
-    (entry,) = dependence.dependences({"c": target}, {"still": np.full(400, 3.0)})
-    assert entry.regressor == "always"
-    assert entry.slope == pytest.approx(np.mean(target))
 
 
 def test_tails_that_underflow_are_those_of_many_digits() -> None:

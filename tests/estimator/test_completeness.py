@@ -4,7 +4,6 @@ import math
 from dataclasses import replace
 from functools import cache
 from itertools import pairwise
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,14 +14,18 @@ from benchmarks.lockstep import Bench, ClosedLoop, Scenario, bench_of, close_loo
 from estimator.completeness.answer import Completeness, Outcome
 from estimator.completeness.closing import Limits, closing_scan, turning_of
 from estimator.completeness.information import Information, ScannedCoefficient
-from estimator.completeness.scan import COURSE, PARTS, scan
 from estimator.completeness.stretch import Stretch, joined, stretches_of
+from estimator.completeness.turning import INSTANTS
 from estimator.errors import ModelError
 from estimator.gaps import Drives, Gaps
 from estimator.record import Record
 from estimator.settings import ControllerSettings
 from estimator.trace.experiments import EXPERIMENTS, loop_record
+from estimator.trace.filtered import Filtered
+from estimator.trace.fit import at
+from estimator.trace.likelihood import Model
 from estimator.trace.problem import Problem
+from estimator.trace.score_test import score_test
 from hil.inputs.declared import device_of, observer_settings_of
 from tests.estimator.test_scan import DEVICE, SETTINGS
 
@@ -261,12 +264,11 @@ def test_estimates_of_coefficients_scatter_over_seeds_as_the_information_says() 
     chi_squared, degrees, seeds = 0.0, 0, 25
     for seed in range(seeds):
         noise = np.random.default_rng(seed).standard_normal(clean.sense.shape) * np.array(DEVICE.noise)
-        seen = scan(Problem(replace(clean, sense=clean.sense + noise), DEVICE, SETTINGS), watched)
-        normal, score = seen.normal.sum(axis=0), seen.score.sum(axis=0)
-        for columns in seen.columns.values():
-            block = normal[columns, columns]
-            chi_squared += float(score[columns] @ np.linalg.solve(block, score[columns]))
-            degrees += len(block)
+        of = Filtered(Problem(replace(clean, sense=clean.sense + noise), DEVICE, SETTINGS))
+        layout = of.layout({})
+        for score in score_test(of, at(of, layout, Model({}, layout.mean, of.declared_noise())), watched):
+            chi_squared += score.gain
+            degrees += len(score.size)
     low, high = chi2.ppf([0.005, 0.995], degrees)
     assert low * 0.85 < chi_squared < high * 1.15  # four effects of one record are not independent
 
@@ -345,14 +347,14 @@ def test_the_angle_counts_in_the_scored_window_alone(monkeypatch: pytest.MonkeyP
     """At 200 kS/s the first stretch ends before the observer has settled: what turns the angle in it does not count."""
     asked: list[float] = []
 
-    def scanned(problem: Problem, *_: object, **__: object) -> SimpleNamespace:
+    def scanned(problem: Problem, _: object) -> tuple[dict[str, slice], np.ndarray]:
         begin_s = float(problem.record.sense[0, 0])  # as told below
         asked.append(begin_s)
-        course = begin_s + np.linspace(0.0, 1.0, PARTS * COURSE)[:, None]
+        course = begin_s + np.linspace(0.0, 1.0, INSTANTS)[:, None]
         wild = 1e6 * (begin_s == 0.0)
-        return SimpleNamespace(course=(2.0 + wild) * course, columns={"drive_gain": slice(0, 1)})
+        return {"drive_gain": slice(0, 1)}, (2.0 + wild) * course
 
-    monkeypatch.setattr("estimator.completeness.closing.scan", scanned)
+    monkeypatch.setattr("estimator.completeness.closing.followed", scanned)
     step = np.full(4000, 1.0 / 4000.0)
     stretches = [
         Stretch(Record(np.full((4000, 2), begin), np.zeros((4000, 2)), step), begin, begin == 0.0)

@@ -13,7 +13,7 @@ import pytest
 import sympy as sp
 
 import estimator
-from estimator.core import layout, variant
+from estimator.core import variant
 from estimator.core.compiler import FLAGS
 from estimator.core.generate.printer import assignments
 from estimator.effects.declaration import Source
@@ -76,12 +76,6 @@ def test_c_numbers_each_source_of_a_signal_as_python_does() -> None:
     listed = re.search(r"enum source \{(.*?)\};", (CORE / "signals.h").read_text(encoding="utf-8"), re.DOTALL)
     assert listed is not None
     assert dict(re.findall(r"(\w+) = (\d+)", listed[1])) == {source.name: str(source.value) for source in Source}
-
-
-def test_c_has_room_for_as_much_as_python_lays_out() -> None:
-    text = (CORE / "layout.h").read_text(encoding="utf-8")
-    for name in ("MAX_LATENCY", "MAX_EFFECTS", "MAX_SIGNALS", "MAX_SLIPS", "MAX_DEGREE", "MAX_DELAY", "MAX_AXES"):
-        assert re.search(rf"#define {name} (\d+)", text)[1] == str(getattr(layout, name)), name  # type: ignore[index]
 
 
 def test_a_condition_that_is_shared_is_no_number() -> None:

@@ -4,7 +4,6 @@ page.
 
 from collections.abc import Callable
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +13,6 @@ from scipy.integrate import solve_ivp
 from estimator.effects.catalogue import EFFECTS, effect_for, names
 from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.equation import equations
-from estimator.effects.page import page
 from estimator.errors import ModelError
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate
 from estimator.observer import Observer
@@ -638,11 +636,6 @@ def test_names_and_symbols_are_unique() -> None:
     symbols = [coefficient.name for effect in EFFECTS for coefficient in effect.coefficients]
     assert len(set(symbols)) == len(symbols)
     assert len(set(names())) == len(names())
-
-
-@pytest.mark.moderate
-def test_the_committed_page_is_current() -> None:
-    assert (Path(__file__).parents[2] / "docs" / "reference" / "effects.md").read_text() == page()
 
 
 @pytest.mark.parametrize("name", ["damping_asymmetric", "drag", "drag_radial"])

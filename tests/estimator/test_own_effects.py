@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.completeness.scan import scan
+from estimator.completeness.turning import followed
 from estimator.core import compiler, own
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.custom.building import built
@@ -150,15 +150,14 @@ def test_the_control_law_undoes_it_alike(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_the_scan_follows_its_signature_alike() -> None:
+def test_the_angle_moves_with_it_alike() -> None:
     declared, _ = ALIKE["cubic_stiffness"]
     sense, drive = record()
     whole = Record(sense, drive[:, :, None], np.full(SAMPLES, 1 / 4000.0))
-    ours = scan(Problem(whole, with_own(declared), ObserverSettings()), {"mine": {}})
-    theirs = scan(Problem(whole, device(), ObserverSettings()), {"cubic_stiffness": {}})
-    assert np.all(np.diagonal(theirs.normal.sum(axis=0)) > 0.0)
-    np.testing.assert_allclose(ours.normal, theirs.normal, rtol=1e-9)
-    np.testing.assert_allclose(ours.score, theirs.score, rtol=1e-9)
+    _, ours = followed(Problem(whole, with_own(declared), ObserverSettings()), {"mine": {}})
+    _, theirs = followed(Problem(whole, device(), ObserverSettings()), {"cubic_stiffness": {}})
+    assert np.any(theirs != 0.0)
+    np.testing.assert_allclose(ours, theirs, rtol=1e-9)
 
 
 def test_a_free_run_has_it_too() -> None:

@@ -1,7 +1,6 @@
 """The measures behind a residual's findings, each beside the same written out with loops or by SciPy."""
 
 import math
-from dataclasses import fields, replace
 from itertools import pairwise
 
 import mpmath
@@ -9,14 +8,10 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from estimator.errors import ModelError
-from estimator.observer import Estimates
-from estimator.residual import dependence, floor, spectrum, whiteness
-from estimator.residual.demodulation import Motion, demodulate, motion
+from estimator.residual import floor, spectrum, whiteness
 from estimator.residual.floor import noise_floor, quiet_bins, repeated_noise
 from estimator.residual.significance import deviations, of_many
 from estimator.residual.spectrum import Periodogram, bands, density, folded, lines, periodogram
-from estimator.scaling import Array
 
 RATE, HZ = 4000.0, 200.0
 CYCLE = RATE / HZ
@@ -26,200 +21,7 @@ RNG = np.random.default_rng(11)
 # -- seen from the vibration ------------------------------------------------------------------------------------------
 
 
-def ellipse(n: int, theta: Array, *, axes: int = 2, every: int = 1, natural: float = 1.0) -> tuple[Estimates, Array]:
-    """A vibration of a tenth's ellipticity along θ, and its phase; `natural`: at so many times the resonance."""
-    t = np.arange(n) / RATE
-    phase = 0.7 + 2.0 * np.pi * HZ * natural * t
-    a = 3e-5 * (1.0 + 0.2 * np.sin(5.0 * t))
-    w = 2.0 * np.pi * HZ * natural
-    major, minor = a * np.exp(1j * phase), 0.1 * a * np.exp(1j * (phase - np.pi / 2.0))
-    phasors = major * np.cos(theta) - minor * np.sin(theta), major * np.sin(theta) + minor * np.cos(theta)
-    columns = {"x": phasors[0].real, "vx": -w * phasors[0].imag}
-    if axes == 2:
-        columns |= {"y": phasors[1].real, "vy": -w * phasors[1].imag}
-    index = np.arange(every - 1, n, every)
-    state = np.stack(list(columns.values()), axis=1)[index]
-    still = dict.fromkeys((field.name for field in fields(Estimates)), np.zeros(n))
-    return Estimates(**(still | {"names": tuple(columns), "index": index, "state": state, "deviation": state})), phase
-
-
-@pytest.mark.parametrize(("every", "natural"), [(1, 1.0), (4, 1.0), (7, 1.0), (4, 1.003)])
-def test_amplitude_phase_and_angle_are_those_of_the_ellipse(every: int, natural: float) -> None:
-    n = 4000
-    theta = 0.4 + 2.0 * np.arange(n) / RATE
-    of, phase = ellipse(n, theta, every=every, natural=natural)
-    seen = motion(of, n, CYCLE)
-    inner = slice(every, n - every)
-    np.testing.assert_allclose(seen.angle[inner], theta[inner], atol=2e-3)
-    np.testing.assert_allclose(seen.phasor[inner], np.exp(1j * phase)[inner], atol=5e-3)
-    expected = 3e-5 * (1.0 + 0.2 * np.sin(5.0 * np.arange(n) / RATE))
-    np.testing.assert_allclose(seen.amplitude[inner], expected[inner], rtol=5e-3)
-
-
-def test_between_states_half_a_cycle_apart_the_resonance_tells_which_way_the_phase_goes() -> None:
-    """Of a vibration 15 % faster than the resonance, whose states are 0.5175 of its own cycles apart."""
-    of, phase = ellipse(4000, np.zeros(4000), every=9, natural=1.15)
-    seen = motion(of, 4000, CYCLE)
-    np.testing.assert_allclose(seen.phasor[9:-9], np.exp(1j * phase)[9:-9], atol=0.03)
-
-
-def test_along_one_axis_the_angle_is_zero_whatever_the_phase() -> None:
-    of, phase = ellipse(400, np.zeros(400), axes=1)
-    seen = motion(of, 400, CYCLE)
-    np.testing.assert_array_equal(seen.angle, 0.0)
-    np.testing.assert_allclose(seen.phasor, np.exp(1j * phase), atol=1e-2)
-
-
-@pytest.mark.parametrize(("every", "refused"), [(10, False), (11, True), (399, True)])
-def test_the_state_is_needed_twice_a_cycle(every: int, *, refused: bool) -> None:
-    of, _ = ellipse(400, np.zeros(400), every=every)
-    if refused:
-        with pytest.raises(ModelError, match="at least twice a cycle"):
-            motion(of, 400, CYCLE)
-    else:
-        motion(of, 400, CYCLE)
-
-
-def test_two_states_are_enough_and_the_widest_gap_counts() -> None:
-    of, _ = ellipse(20, np.zeros(20), every=10)
-    assert len(of.index) == 2
-    assert len(motion(of, 20, CYCLE).angle) == 20
-    of, _ = ellipse(400, np.zeros(400), every=5)
-    there = np.delete(np.arange(len(of.index)), [30, 31])
-    with pytest.raises(ModelError, match="at least twice a cycle"):
-        motion(replace(of, index=of.index[there], state=of.state[there]), 400, CYCLE)
-
-
-def test_a_motion_that_stands_still_has_no_natural_rate_and_fails_nowhere() -> None:
-    of, _ = ellipse(400, np.zeros(400))
-    still = replace(of, state=np.zeros_like(of.state))
-    assert np.all(np.isfinite(motion(still, 400, CYCLE).phasor))
-    for gone in ([0, 2], [1, 3]):
-        part = of.state.copy()
-        part[:, gone] = 0.0
-        assert np.all(np.isfinite(motion(replace(of, state=part), 400, CYCLE).phasor))
-
-
-@pytest.mark.parametrize("axes", [1, 2])
-def test_parts_in_step_are_twice_the_means_of_the_products_with_the_carrier(axes: int) -> None:
-    """Over blocks of four cycles; what is lost counts as nothing, what is left over at the end not at all."""
-    n, length = 80 * 40 + 33, 80
-    angle, phase = np.linspace(0.0, 3.0, n), 2.0 * np.pi * np.arange(n) / 20.0 + 0.3
-    moving = Motion(np.exp(1j * phase), np.linspace(1.0, 2.0, n), angle)
-    series = RNG.standard_normal((n, axes))
-    series[100:120] = np.nan
-    filled = np.where(np.isnan(series), 0.0, series)
-    seen = demodulate(series, moving, 20.0)
-    sides = {"along": filled[:, 0]}
-    if axes == 2:
-        sides = {
-            "along": np.cos(angle) * filled[:, 0] + np.sin(angle) * filled[:, 1],
-            "across": -np.sin(angle) * filled[:, 0] + np.cos(angle) * filled[:, 1],
-        }
-    expected = {}
-    for side, values in sides.items():
-        for name, carrier in (("in phase", np.cos(phase)), ("in quadrature", -np.sin(phase))):
-            products = 2.0 * carrier * values
-            expected[f"{name}, {side}"] = [np.mean(products[k * length : (k + 1) * length]) for k in range(40)]
-    assert set(seen.components) == set(expected)
-    for name, means in expected.items():
-        np.testing.assert_allclose(seen.components[name], means, atol=1e-12)
-    assert seen.length == length
-    blocks = [slice(k * length, (k + 1) * length) for k in range(40)]
-    np.testing.assert_allclose(seen.amplitude, [np.mean(moving.amplitude[rows]) for rows in blocks])
-    np.testing.assert_allclose(seen.angle, [np.mean(angle[rows]) for rows in blocks])
-    np.testing.assert_allclose(seen.mean(angle**2), [np.mean(angle[rows] ** 2) for rows in blocks])
-
-
-@pytest.mark.parametrize(("samples", "refused"), [(32 * 80, False), (32 * 80 - 1, True)])
-def test_a_record_of_fewer_than_128_cycles_is_refused(samples: int, *, refused: bool) -> None:
-    moving = Motion(np.ones(samples, dtype=complex), np.ones(samples), np.zeros(samples))
-    if refused:
-        with pytest.raises(ModelError, match="fewer than 128 cycles"):
-            demodulate(np.zeros((samples, 1)), moving, 20.0)
-    else:
-        assert len(demodulate(np.zeros((samples, 1)), moving, 20.0).amplitude) == 32
-
-
 # -- regression -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.moderate
-@pytest.mark.parametrize(("rows", "colour"), [(90, 0.0), (400, 0.8), (400, -0.8)])
-def test_the_variance_of_a_slope_is_the_larger_of_the_ordinary_one_and_newey_and_west_s(
-    rows: int, colour: float
-) -> None:
-    random = np.random.default_rng(rows)
-    error, one, two = signal.lfilter([1.0], [1.0, -colour], random.standard_normal((3, rows)), axis=1)
-    error *= np.linspace(0.2, 3.0, rows)
-    design = np.column_stack([np.ones(rows), one, one + 0.3 * two])
-    target = design @ [1.0, 2.0, -0.5] + error
-    slopes, variances = dependence.regress(target, design)
-    expected = np.linalg.lstsq(design, target, rcond=None)[0]
-    np.testing.assert_allclose(slopes, expected, rtol=1e-9)
-    left = target - design @ expected
-    bread = np.linalg.inv(design.T @ design)
-    lags = int(4.0 * (rows / 100.0) ** (2.0 / 9.0))  # Newey and West's own rule
-    meat = np.zeros((3, 3))
-    for i in range(rows):
-        for j in range(max(0, i - lags), min(rows, i + lags + 1)):
-            weight = 1.0 - abs(i - j) / (lags + 1.0)
-            meat += weight * left[i] * left[j] * np.outer(design[i], design[j])
-    robust = np.diag(bread @ meat @ bread) * rows / (rows - 3)
-    ordinary = np.diag(bread) * np.sum(left**2) / (rows - 3)
-    np.testing.assert_allclose(variances, np.maximum(ordinary, robust), rtol=1e-8)
-
-
-def test_each_component_is_asked_of_all_regressors_at_once_in_units_of_their_spread() -> None:
-    rows = 300
-    a, b = RNG.standard_normal((2, rows))
-    b += 0.6 * a
-    targets = {
-        "p": 5.0 + 3.0 * a - 2.0 * b + RNG.standard_normal(rows),
-        "q": b.copy() + 0.1 * RNG.standard_normal(rows),
-    }
-    found = dependence.dependences(targets, {"a": 10.0 * a + 4.0, "still": np.full(rows, 2.0), "b": b})
-    assert [(one.component, one.regressor) for one in found] == [
-        (component, name) for component in ("p", "q") for name in ("always", "a", "b")
-    ]
-    design = np.column_stack([np.ones(rows), (a - a.mean()) / a.std(), (b - b.mean()) / b.std()])
-    for at, component in enumerate(targets):
-        slopes, variances = dependence.regress(targets[component], design)
-        for number in range(3):
-            one = found[3 * at + number]
-            assert one.slope == pytest.approx(slopes[number])
-            assert one.t == pytest.approx(slopes[number] / math.sqrt(variances[number]))
-            assert one.log_p == pytest.approx(dependence.log_tail(one.t, rows - 3))
-
-
-def test_what_hardly_varies_or_is_said_already_is_no_regressor() -> None:
-    """To a millionth of its size, to a thousandth of the largest of the others; what is no number neither."""
-    rows = 400
-    a, b = RNG.standard_normal((2, rows))
-    a, b = (a - a.mean()) / a.std(), (b - b.mean()) / b.std()
-    b -= a * np.mean(a * b)
-    regressors = {
-        "a": a, "like a": a + 3e-4 * b, "unlike a": a + 3e-2 * b, "far": 1e7 + a, "steady": 1e5 + a,
-        "lost": np.where(np.arange(rows) == 3, np.nan, a),
-    }  # fmt: skip
-    names, design = dependence._design({name: regressors[name] for name in ("a", "like a", "far", "lost")}, rows)
-    assert len(names) == 1
-    names, design = dependence._design({name: regressors[name] for name in ("a", "unlike a", "far")}, rows)
-    assert names == ["a", "unlike a"]
-    assert design.shape == (rows, 3)
-    assert dependence._design({"steady": regressors["steady"]}, rows)[0] == ["steady"]
-    names, design = dependence._design({"far": regressors["far"], "zero": np.zeros(rows)}, rows)
-    assert names == []
-    np.testing.assert_array_equal(design, np.ones((rows, 1)))
-
-
-@pytest.mark.parametrize(("t", "free"), [(0.0, 7), (0.5, 3), (-4.0, 50), (60.0, 900), (1e6, 40), (1e100, 4000)])
-def test_the_chance_of_a_t_value_is_of_either_side(t: float, free: int) -> None:
-    mpmath.mp.dps = 40
-    x = mpmath.mpf(free) / (free + mpmath.mpf(t) ** 2)
-    exact = mpmath.log(mpmath.betainc(mpmath.mpf(free) / 2, 0.5, 0, x, regularized=True))
-    assert dependence.log_tail(t, free) == pytest.approx(float(exact), rel=0.02, abs=1e-12)
-    assert dependence.log_tail(t, free) <= 0.0
 
 
 # -- chances ----------------------------------------------------------------------------------------------------------
@@ -494,12 +296,12 @@ def test_repeats_are_found_with_their_period_and_the_quieter_half_tells_the_nois
 
 
 def test_a_drive_of_one_size_repeats_as_any_other() -> None:
-    """±1 at random: its rms is 1.  Of 64 samples a stretch is half; of fewer there is none."""
+    """±1 at random: its rms is 1."""
     signs = np.tile(np.sign(np.random.default_rng(8).standard_normal((300, 1))), (4, 1))
     assert floor._period(signs) == 300
     steps = np.tile([[1.0], [-1.0], [2.0], [0.5]], (40, 1))
-    assert floor._period(steps[:64]) == 4
-    assert floor._period(steps[:63]) is None
+    assert floor._period(steps[:64]) == floor._period(steps[:63]) == 4
+    assert floor._period(steps[:7]) is None
 
 
 def test_a_drive_that_is_off_most_of_the_time_repeats_as_any_other() -> None:
@@ -613,10 +415,9 @@ def test_a_chance_that_underflows_has_the_leading_power() -> None:
 
 def test_a_limiting_distribution_is_corrected_for_the_count() -> None:
     """√n + 0.12 + 0.11/√n, Stephens 1970: as Kolmogorov's and Smirnov's own where both can be had."""
-    set_ = whiteness._SET
     series = np.random.default_rng(8).standard_normal(401)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(whiteness, "_SET", replace(set_, limiting=100))
+        patch.setattr(whiteness, "LIMITING", 100)
         limiting = whiteness.cumulative_periodogram(series)
     exact = whiteness.cumulative_periodogram(series)
     count = 199

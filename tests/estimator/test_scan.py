@@ -1,4 +1,4 @@
-"""The scan's signatures against what carrying a small effect really does to the innovations; evidence; likeness."""
+"""Signatures of a pass against what including a small effect really does to the innovations."""
 
 from dataclasses import replace
 from functools import cache
@@ -6,13 +6,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from estimator.completeness.scan import scan
 from estimator.effects.catalogue import EFFECTS, effect_for
-from estimator.observer import Observer
 from estimator.record import Record
-from estimator.scaling import Array
-from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread
+from estimator.scaling import Array, Scaling
+from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from estimator.trace.experiments import EXPERIMENTS, loop_record
+from estimator.trace.filtered import Filtered
+from estimator.trace.likelihood import START_CYCLES, Model, observer_of
 from estimator.trace.observed import run
 from estimator.trace.problem import Problem
 from tests.estimator.whitening import whitener
@@ -70,7 +70,7 @@ def record() -> Record:
 @cache
 def white() -> Array:
     """(n, axes, axes): what makes the innovations of the record white."""
-    return whitener(DEVICE, SETTINGS, record().sense, record().drive)
+    return whitener(DEVICE, replace(SETTINGS, variant=Variant.SENSE), record().sense, record().drive)
 
 
 @pytest.mark.slow
@@ -78,26 +78,21 @@ def white() -> Array:
     "name",
     [effect.name for effect in EFFECTS if not effect.declared_only and effect.name not in (*WITHOUT_CHANNEL, *HIDDEN)],
 )
-def test_a_signature_is_what_carrying_the_effect_does_to_the_innovations(name: str) -> None:
+def test_a_signature_is_what_including_the_effect_does_to_the_innovations(name: str) -> None:
+    """The information that a pass has of a coefficient is the power of the change, whitened."""
     given = PARAMETERS.get(name, {})
-    seen = scan(Problem(record(), DEVICE, SETTINGS), {name: given})
-    normal = seen.normal.sum(axis=0)
-    without = run(Observer(DEVICE, SETTINGS), record()).innovation
+    problem = Problem(record(), DEVICE, SETTINGS)
+    of = Filtered(problem)
+    layout, noise = of.layout({}), of.declared_noise()
+    seen = of.evaluate(layout, Model({}, layout.mean, noise), derivatives=False, tested={name: given})
+    without = run(observer_of(problem, {}, noise), record()).innovation
     _, effect = effect_for(name, 2)
-    for column, coefficient in enumerate(effect.coefficients):
-        small = 1e-4 * seen.plausible[column]
-        carrying = replace(SETTINGS, effects={name: {**given, coefficient.name: small}})
-        observer = Observer(DEVICE, carrying)
-        observer.hold_coefficients()
-        moved = (run(observer, record()).innovation - without) / 1e-4
-        expected = np.sum(np.einsum("nab,nb->na", white(), moved) ** 2)
-        assert normal[column, column] == pytest.approx(expected, rel=0.1 if name in KINKED else 0.01)
-
-
-def test_the_ratio_of_an_observer_that_never_predicted_anything_is_no_number() -> None:
-    """As of one that diverges at once; a single loud sample counts, a lost one does not."""
-    some = scan(Problem(record().part(slice(0, 200)), DEVICE, SETTINGS), {"sense_gain": {}})
-    lost = np.full_like(some.innovation, np.nan)
-    assert np.isnan(replace(some, innovation=lost).ratio)
-    lost[7, 0] = 3.0 * some.deviation[7, 0]
-    assert replace(some, innovation=lost).ratio == pytest.approx(3.0)
+    start = int(np.ceil(START_CYCLES * 2.0 * np.pi / (OMEGA0 / DEVICE.sample_rate)))
+    scaling = Scaling.of(DEVICE)
+    for column, (coefficient, plausible) in enumerate(zip(effect.coefficients, of.plausible(name), strict=True)):
+        small = 1e-4 * plausible * scaling.coefficient(coefficient)
+        including = observer_of(problem, {name: {**given, coefficient.name: small}}, noise)
+        moved = (run(including, record()).innovation - without) / 1e-4
+        expected = np.sum(np.einsum("nab,nb->na", white(), moved)[start:] ** 2)
+        information = float(seen.information[:, column, column].sum()) * plausible**2
+        assert information == pytest.approx(expected, rel=0.1 if name in KINKED else 0.01, abs=0.05)

@@ -1,14 +1,17 @@
 """Free runs beside an independent integrator, their derivatives beside differences, and fits beside the truth."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.polynomial.polynomial import polyval
 from scipy.integrate import solve_ivp
 
 from estimator.errors import ModelError
 from estimator.hold import drive_polynomials
 from estimator.observer import Observer
+from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings, Sensed, Spread
 from estimator.simulation import simulate
 from evaluation.measured.refinement import refine
@@ -191,3 +194,42 @@ def test_bad_requests_are_refused():
         refine(observer, np.zeros((30, 1)), drive, free=("k3x",))
     with pytest.raises(ModelError, match="3 samples for 6 unknowns"):
         refine(observer, np.zeros((30, 1)), drive, rows=slice(0, 3))
+
+
+@pytest.mark.parametrize("rate", [600.0, 4000.0])
+def test_a_free_run_keeps_the_time_of_forces_and_of_what_is_sensed(rate: float) -> None:
+    """A base that shakes, a line in the sensed signal, a feedthrough of the drive at the end of each interval; each
+    step in three parts, and whole.
+    """
+    device = Device(
+        sample_rate=rate, stiffness=(1.9e5,), damping=(40.0,), amplitude=0.1, sense_gain=(2.0,), noise=(1e-4,)
+    )
+    shaken, line, through = (900.0, -500.0), (0.01, 0.03), 2e-6
+    omega, other = 310.0, 170.0
+    effects: dict[str, dict[str, float]] = {
+        "base_vibration": {"omega": omega},
+        "interference": {"omega": other},
+        "drive_feedthrough": {},
+    }
+    observer = Observer(device, ObserverSettings(effects=effects))
+    state = observer.state.copy()
+    at = {"x": 0.02, "vx": -3.0, "bcx": shaken[0], "bsx": shaken[1], "lcx": line[0], "lsx": line[1], "fdx": through}
+    for name, value in at.items():
+        state[observer.names.index(name)] = value
+    n, random = 25, np.random.default_rng(4)
+    drive = 1e4 * random.standard_normal((n, 1, 2))
+    steps = random.uniform(0.7, 1.3, n) / rate
+    found = simulate(observer, state, drive, step=steps).sensed[:, 0]
+    motion, time = np.array([0.02, -3.0]), 0.0
+    for m in range(n):
+        if m:
+
+            def field(t: float, s: Array, m: int = m, time: float = time) -> list[float]:
+                push = shaken[0] * math.cos(omega * (time + t)) + shaken[1] * math.sin(omega * (time + t))
+                return [s[1], polyval(t / steps[m], drive[m, 0]) + push - 40.0 * s[1] - 1.9e5 * s[0]]
+
+            motion = solve_ivp(field, (0.0, steps[m]), motion, "DOP853", rtol=1e-11, atol=1e-14).y[:, -1]
+            time += steps[m]
+        own = line[0] * math.cos(other * time) + line[1] * math.sin(other * time)
+        shown = motion[0] + own + through * drive[m, 0].sum()
+        assert found[m] == pytest.approx(2.0 * shown, abs=2e-7), m

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from estimator.effects.declaration import Coefficient, Effect, Undone
+from estimator.effects.declaration import Coefficient, Compensation, Effect
 from estimator.model.formula import symbols
 from estimator.trace.examination import Examination
 from estimator.trace.fit import FittedModel, fit
@@ -22,7 +22,7 @@ def effect(name: str, coefficients: int, *, plausible: float = WIDE, positive: b
     names = [f"{name}{k}" for k in range(coefficients)]
     own = tuple(Coefficient(symbols(f"{n} _")[0], n, plausible, positive=positive) for n in names)
     return Effect(
-        name, f"Effect {name}", own, "a book", "none", Undone.NOT,
+        name, f"Effect {name}", own, "a book", "none", Compensation.NONE,
     )  # fmt: skip
 
 

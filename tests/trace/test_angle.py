@@ -1,6 +1,5 @@
 """The bound of the angle beside its closed form, and what an examination scores on which part of a record."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -108,7 +107,7 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     estimates = SimpleNamespace(**fields, index=np.arange(N), state=state, deviation=state, names=())
     parts = []
 
-    def analyse(innovation, deviation, part, record, resonance):
+    def analyse(innovation, deviation, record, resonance):
         assert resonance == pytest.approx(np.sqrt(DEVICE.target) / (2.0 * np.pi))  # Hz
         parts.append((innovation[:, 0], record.sense))
         return SimpleNamespace(simulation_rmse=None), (), SimpleNamespace(frequency=None, density=None)
@@ -118,7 +117,7 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     monkeypatch.setattr(examination, "Observer", lambda *args: observer)
     monkeypatch.setattr(examination, "run", lambda observer, record, every: strides.append(every) or estimates)
     monkeypatch.setattr(examination, "analyse", analyse)
-    monkeypatch.setattr(examination, "_SET", replace(examination._SET, states=N))
+    monkeypatch.setattr(examination, "STATES", N)
     free = np.where(n[:, None] < SPLIT, 3.0, 4.0) * np.ones((1, 2))
     monkeypatch.setattr(examination, "free_run_error", lambda problem, split: free)
     monkeypatch.setattr(examination, "replace", lambda what, **changes: SimpleNamespace(**{**vars(what), **changes}))

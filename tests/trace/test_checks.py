@@ -8,7 +8,6 @@ from scipy.stats import chi2
 
 from estimator.trace.checks import (
     CHECKS,
-    Check,
     Evidence,
     constancy,
     covariance,
@@ -21,7 +20,8 @@ from estimator.trace.checks import (
     sign,
 )
 from estimator.trace.fit import FittedModel
-from estimator.trace.likelihood import BLOCKS, Evaluation, Model, Noise
+from estimator.trace.likelihood import BLOCKS, Check, Evaluation, Model, Noise
+from estimator.written import gains
 from tests.trace.linear import Linear, Parameters, effect
 from tests.trace.plain import Array
 
@@ -76,14 +76,14 @@ def test_an_effect_has_to_make_the_part_held_out_more_probable(scale: float, log
     check = only(held_out(evidence(SURE, later=evaluation(np.eye(1), scale=scale, logs=logs))))
     assert (check.name, check.passed, check.effect) == ("held out", passed, "one")
     gain = BLOCKS * PER_PART * np.log(1.0 / scale)
-    assert f"gains {gain:.4g} in twice" in check.sentence
+    assert gains(gain) in check.sentence
 
 
 @pytest.mark.parametrize(("logs", "passed"), [(1e-3, False), (-1e-3, True)])
 def test_deviations_count_in_the_part_held_out(logs: float, passed: bool) -> None:
     check = only(held_out(evidence(SURE, later=evaluation(np.eye(1), logs=logs))))
     assert check.passed is passed
-    assert f"gains {-2 * BLOCKS * PER_PART * logs:.4g} in" in check.sentence
+    assert gains(-2 * BLOCKS * PER_PART * logs) in check.sentence
 
 
 def test_a_filter_that_lost_the_part_held_out_confirms_nothing() -> None:

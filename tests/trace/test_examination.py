@@ -14,7 +14,7 @@ from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ObserverSettings
 from estimator.trace import examination
-from estimator.trace.examination import Examination, analyse_spectrum, examine, scored
+from estimator.trace.examination import Examination, examine, scored
 from estimator.trace.problem import Problem
 from tests.estimator.device import NOMINAL
 
@@ -45,9 +45,9 @@ class Bench:
         rest = {one.name: n for one in fields(Estimates)}
         return Estimates(**(rest | kept | {"state": state, "deviation": state}))
 
-    def analyse(self, innovation: Array, deviation: Array, part: Estimates, record: Record, hz: float) -> Any:
-        """Notes the rows, which states these have, and the record's own rows."""
-        self.analysed.append((innovation[:, 0], part.index, part.state[:, 0], record.sense[:, 0], hz))
+    def analyse(self, innovation: Array, deviation: Array, record: Record, hz: float) -> Any:
+        """Notes the rows, and the record's own."""
+        self.analysed.append((innovation[:, 0], record.sense[:, 0], hz))
         return Fit((1.0,), (1.0,), 1.0, 0.5), ("finding",), Residual(None, np.zeros(1), np.zeros(1))  # type: ignore
 
 
@@ -57,7 +57,7 @@ def examined(monkeypatch: pytest.MonkeyPatch, bench: Bench, hz: float = 130.0, s
     monkeypatch.setattr(examination, "run", bench.run)
     monkeypatch.setattr(examination, "analyse", bench.analyse)
     monkeypatch.setattr(examination, "free_run_error", lambda problem, split: bench.free)
-    monkeypatch.setattr(examination, "_SET", replace(examination._SET, states=states))
+    monkeypatch.setattr(examination, "STATES", states)
     target = (2.0 * np.pi * hz) ** 2
     device = replace(NOMINAL, stiffness=(target, target, 0.0))
     n = np.arange(float(N))
@@ -74,11 +74,9 @@ def test_of_a_long_record_four_states_a_cycle_are_kept_and_every_part_is_whole_s
     assert bench.every == 7
     assert found.settled == slice(140, 595)
     n = np.arange(float(N))
-    for (innovation, index, state, sense, hz), first, last in zip(bench.analysed, (140, 595), (595, 1001), strict=True):
+    for (innovation, sense, hz), first, last in zip(bench.analysed, (140, 595), (595, 1001), strict=True):
         np.testing.assert_array_equal(innovation, n[first:last])
         np.testing.assert_array_equal(sense, n[first:last])
-        np.testing.assert_array_equal(index, np.arange(6, last - first, 7))
-        np.testing.assert_array_equal(state, n[first:last][index])
         assert hz == pytest.approx(130.0)
     assert found.findings == ("finding",)
     # The rate is read at the samples whose state is kept, there n against a seventh of it.
@@ -128,14 +126,3 @@ def test_a_record_that_lacks_a_rate_or_an_observer_without_one_has_no_errors_of_
     fit = Fit((1.0,), (1.0,), 1.0, 0.5)
     record = Record(np.zeros((9, 2)), np.zeros((9, 2, 1)), np.ones(9))
     assert scored(fit, record, Bench().run(None, record, 1), slice(0, 9), 1) is fit
-
-
-def test_the_spectrum_of_the_whole_record_is_that_of_the_part_that_was_fitted() -> None:
-    whole: Any = SimpleNamespace(innovation=np.arange(5.0))
-    fitted = Residual(np.zeros(3), np.array([1.0, 2.0]), np.array([[3.0], [4.0]]))
-    held_out = Residual(np.ones(2), np.array([9.0]), np.array([[9.0]]))
-    parts: Any = [("fit", (), fitted), ("held out", (), held_out)]
-    told = analyse_spectrum(whole, parts)
-    assert told.innovation is whole.innovation
-    assert told.frequency is fitted.frequency
-    assert told.density is fitted.density

@@ -1,4 +1,4 @@
-"""Where exactly a record is refused, and which number its words advise (docs/reference/thresholds.md)."""
+"""Where exactly a record is refused, and which number its words advise."""
 
 import re
 from dataclasses import replace

@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from estimator.record import Record
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from estimator.trace.fit import fit
-from estimator.trace.free_run import TELLING, FreeRun, chance_of
+from estimator.trace.free_run import TELLING, FreeRun
 from estimator.trace.likelihood import Model, reach_of
 from estimator.trace.problem import Problem
 from estimator.trace.score_test import score_test
@@ -158,4 +158,4 @@ def test_few_independent_samples_leave_more_by_chance() -> None:
     found = fit(of, {"cubic_stiffness": {}})
     white = found.evaluation
     smooth = np.cumsum(np.random.default_rng(2).standard_normal((N, 1)), axis=0)
-    assert 1.0 < chance_of(white) < 1.2 < chance_of(replace(white, innovation=smooth))
+    assert 1.0 < of.chance(white) < 1.2 < of.chance(replace(white, innovation=smooth))

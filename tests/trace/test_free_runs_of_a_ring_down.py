@@ -59,7 +59,7 @@ def test_free_runs_of_a_long_record_are_around_the_split_and_count_time_from_its
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     reach, split = 4000, 9000
-    monkeypatch.setattr(prediction, "_SET", replace(prediction._SET, read=reach))
+    monkeypatch.setattr(prediction, "READ", reach)
     settings = ObserverSettings(memory=0.005, initial={"rate": RATE})
     errors = prediction.free_run_error(Problem(hummed(ring_down(RATE)), DEVICE, settings).carrying(HUM), split)
     there = np.flatnonzero(np.all(np.isfinite(errors), axis=1))

@@ -8,7 +8,7 @@ import pytest
 
 from estimator.diagnosis import Verdict
 from estimator.trace import trace as room
-from estimator.trace.checks import Check
+from estimator.trace.likelihood import Check
 from estimator.trace.result import Judged
 
 GAINS = {"a": 900.0, "b": 50.0, "c": 400.0}
@@ -19,20 +19,20 @@ def judged(monkeypatch: pytest.MonkeyPatch) -> Any:
     """What is judged in the end, where effects of each model are rejected, and the models that leave something."""
 
     def run(rejected: dict[str, Collection[str]], left: Collection[str] = ()) -> Judged:
-        def of(problem: Any, whole: Any, chosen: Any, model: str, before: Any, split: int) -> Judged:
+        nothing: Any = None
+
+        def of(model: Any) -> Judged:
             without = {name: model.replace(name, "") for name in model}
             fitted = SimpleNamespace(name=model, gain_over=lambda less: GAINS[(set(model) - set(less)).pop()])
             checks = [Check("held out", name not in rejected.get(model, ()), f"of {name}", name) for name in model]
             checks.append(Check("noise floor", model not in left, "the floor"))
             evidence: Any = SimpleNamespace(model=fitted, without=without)
-            return Judged(evidence, checks, before, None, {})
+            return Judged(evidence, checks, nothing, None, {})
 
-        monkeypatch.setattr(room, "_judged", of)
         monkeypatch.setattr(room, "settle", lambda of, model: model)
         monkeypatch.setattr(room, "finished", lambda of, model: model)
         chosen: Any = SimpleNamespace(of=None, before="", after="abc")
-        nothing: Any = None
-        return room.judge(nothing, nothing, chosen, nothing, 0)
+        return room.judge(chosen, of)
 
     return run
 

@@ -48,29 +48,3 @@ def test_no_level_is_tried_twice() -> None:
     assert level(curve, 0.0, (-10.0, 10.0), 0.25) == 5.0
     assert len(tried) == len(set(tried))
     assert len(tried) <= 14
-
-
-def test_steps_go_down_first_and_grow_while_the_likelihood_rises() -> None:
-    tried: list[float] = []
-
-    def curve(decade: float) -> float:
-        tried.append(decade)
-        return -abs(decade + 4.0)
-
-    assert level(curve, 0.0, (-10.0, 10.0), 1.0) == -4.0
-    assert tried == [0.0, -1.0, -3.0, -7.0, -4.0, -6.0, -5.0]
-
-
-def test_a_level_at_its_top_takes_three_passes() -> None:
-    tried: list[float] = []
-
-    def curve(decade: float) -> float:
-        tried.append(decade)
-        return -(decade**2)
-
-    assert level(curve, 0.0, (-10.0, 10.0), 0.5) == 0.0
-    assert tried == [0.0, -0.5, 0.5]
-
-
-def test_a_step_is_no_longer_than_the_way_to_the_bound() -> None:
-    assert level(lambda decade: decade, 0.0, (-1.0, 2.5), 1.0) == 2.5

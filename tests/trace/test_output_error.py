@@ -9,7 +9,6 @@ from estimator.diagnosis import Verdict
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import alternate_blocks, trace_sensor
-from estimator.trace.noise import ljung_box
 from estimator.trace.output_error import whitened
 
 RANGE = Range(3.0, 2.0)
@@ -38,15 +37,6 @@ def test_without_a_walk_each_reading_is_its_own_innovation() -> None:
     found, deviation = whitened(series, np.arange(30.0), 0.0)
     np.testing.assert_allclose(found, series, atol=1e-12)
     np.testing.assert_allclose(deviation, 1.0)
-
-
-def test_white_noise_is_white_and_a_walk_is_not() -> None:
-    rng = np.random.default_rng(3)
-    chances = [ljung_box(rng.standard_normal(400)) for _ in range(200)]
-    assert 0.02 < np.mean(np.array(chances) < 0.05) < 0.1
-    assert ljung_box(np.cumsum(rng.standard_normal(400))) < 1e-9
-    assert ljung_box(np.zeros(40)) == 1.0
-    assert ljung_box(np.tile([1.0, -1.0], 20)) < 1e-6
 
 
 def turned(t: np.ndarray) -> np.ndarray:

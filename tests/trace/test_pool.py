@@ -20,7 +20,7 @@ from estimator.trace.likelihood import BLOCKS, Evaluation, Model
 from estimator.trace.pool import Level, Member, Pool, held_out_by_default
 from estimator.trace.pool_trace import trace_pool
 from estimator.trace.pooled import Pooled, PooledFreeRun, pooled
-from estimator.trace.pooled_layout import PooledLayout, constant_of, dependence, is_own_name
+from estimator.trace.pooled_layout import PooledLayout, constant_of, dependence
 from tests.trace.linear import Parameters
 from tests.trace.plain import Array
 
@@ -352,7 +352,7 @@ def test_the_scores_are_the_slope_of_the_likelihood() -> None:
     of = whole.part(slice(0, whole.fitted_samples))
     name = dependence("kxx", "load_kg")
     layout = of.layout({name: {}})
-    assert sum(is_own_name(one) for one in layout.names) == len(layout.start)
+    assert sum(" of " in one for one in layout.names) == len(layout.start)
     assert len(layout.start) % 2 == 0
     model = Model({name: {}}, layout.mean.copy(), of.declared_noise())
     seen = of.evaluate(layout, model)
@@ -401,7 +401,7 @@ def made(scores: Array, information: Array, names: tuple[str, ...]) -> tuple[Fit
     each = np.tile(information / BLOCKS, (records * BLOCKS, 1, 1))
     nothing: Array = np.zeros((0, 1))
     seen = Evaluation(layout.names, parts, each, count, 0.0 * count, count, nothing, nothing, records=names)
-    return FittedModel(layout, Model({}, layout.mean, None), seen, 0.0, converged=True), seen  # type: ignore[arg-type]
+    return FittedModel(layout, Model({}, layout.mean, None), seen, 0.0), seen  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("held_out", [False, True])

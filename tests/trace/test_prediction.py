@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -137,7 +136,7 @@ def test_where_the_middle_of_a_long_record_is_read_its_start_is_a_share_of_what_
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An eighth of the 1600 samples around the split."""
-    monkeypatch.setattr(prediction, "_SET", replace(prediction._SET, read=800))
+    monkeypatch.setattr(prediction, "READ", 800)
     made, errors = runs(monkeypatch, 8000, ObserverSettings(memory=0.5))
     assert made.seen[:2] == [(3200, 200, 1.0), (3400, FREE, pytest.approx(1e12))]
     assert np.flatnonzero(np.isfinite(errors[:, 0]))[[0, -1]].tolist() == [3400, 3799]

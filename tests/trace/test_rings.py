@@ -19,7 +19,7 @@ from estimator.thresholds import THRESHOLDS
 from estimator.trace.pool import Member, Pool
 from estimator.trace.pool_trace import trace_pool
 from estimator.trace.problem import Problem
-from estimator.trace.rings import rings
+from estimator.trace.start_values import rings
 from estimator.trace.trace import trace
 
 RATE, SAMPLES, ITSELF = 400.0, 480, 2.0 * np.pi * 20.0
@@ -94,7 +94,7 @@ def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_l
 ) -> None:
     """A decay that no resonance tells, within the longest residual; the mean, which was taken off, tells nothing."""
     asked: list[tuple[Array, list[Array]]] = []
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append((omega, seen)))
+    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: asked.append((omega, seen)))
     line = (1.0, 0.2 * ITSELF, DM, 0.3)  # in its first 40 samples less than a cycle
     ((top, decay), *_) = rings([clear(line, samples=40), clear(line, samples=30)], RATE, ITSELF)
     assert decay == 2.0 / (40 / RATE)
@@ -109,7 +109,7 @@ def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_s
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[Array] = []
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: asked.append(omega))
+    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: asked.append(omega))
     ((top, _), *_) = rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)
     omega, *_ = asked
     assert len(omega) == 17
@@ -118,7 +118,7 @@ def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_s
 
 def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
     """2ζω, of a mode with the ζ and ω that are read."""
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (300.0, 0.01))
+    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: (300.0, 0.01))
     assert rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)[0] == (300.0, pytest.approx(6.0))
 
 
@@ -126,13 +126,13 @@ def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, order: float, told: bool) -> None:
     """Of an eighth, which a spectrum with 128 bins to the resonance hits."""
     monkeypatch.setattr(
-        "estimator.trace.rings._SET", replace(THRESHOLDS.candidates, ring_apart=0.125, ring_bins=8, rings=99)
+        "estimator.trace.start_values._SET", replace(THRESHOLDS.candidates, ring_apart=0.125, ring_bins=8, rings=99)
     )
-    monkeypatch.setattr("estimator.trace.rings.resonance", lambda omega, seen: (float(omega[8]), 0.1))
+    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: (float(omega[8]), 0.1))
     itself, samples = 64.0, 128  # bins of half a hertz
     beside = np.zeros(8 * samples // 2 + 1)
     beside[round(order * itself * 2.0)] = 1.0
-    monkeypatch.setattr("estimator.trace.rings.peaks", lambda power: np.flatnonzero(beside))
+    monkeypatch.setattr("estimator.trace.start_values._peaks", lambda power: np.flatnonzero(beside).tolist())
     found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
     assert bool(found) is told
     beside[[192, 192 + 16 - 1, 192 + 16]] = 1.0  # one and a half, an eighth of the resonance on, and less

@@ -1,6 +1,4 @@
-"""How a pass begins: about what an earlier one found, with which motion, what is held, and from which sample on it
-counts.
-"""
+"""How a pass begins: with which motion, what is held, and from which sample on it counts."""
 
 from dataclasses import replace
 
@@ -11,7 +9,7 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.start import begin_about, begin_moving, first_motion, settled_from, settling
+from estimator.trace.start import begin_moving, first_motion, settled_from, settling
 
 RATE, OMEGA = 4000.0, 2.0 * np.pi * 200.0
 DEVICE = Device(
@@ -23,69 +21,6 @@ SETTINGS = ObserverSettings(
 )
 MORE = replace(SETTINGS, effects={**SETTINGS.effects, "drive_gain": {"hx": 0.1}})
 SINGLE = replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(890.0,), noise=(1e-4,))
-
-
-def ended(settings: ObserverSettings, device: Device = DEVICE, variance: float = 1e-12) -> Observer:
-    """An observer after a pass, with a covariance that is drawn."""
-    observer = Observer(device, settings)
-    random = np.random.default_rng(3).standard_normal(observer.arrays.p.shape)
-    observer.arrays.p[:] = random @ random.T * variance
-    observer.arrays.c[:] = 2.0 * observer.arrays.p
-    return observer
-
-
-@pytest.mark.parametrize(("device", "settings"), [(DEVICE, SETTINGS), (DEVICE, MORE), (SINGLE, SETTINGS)])
-def test_constants_begin_with_the_covariance_they_ended_with_ten_deviations_wide(
-    device: Device, settings: ObserverSettings
-) -> None:
-    """The motion as declared; the rate, which moves, by itself; what is new behind as declared."""
-    previous, observer = ended(SETTINGS, device), Observer(device, settings)
-    declared = observer.arrays.p.copy()
-    begin_about(observer, previous)
-    expected = declared.copy()
-    states, common = observer.states, len(previous.arrays.p)
-    rows = [row for row in range(states, common) if observer.estimated[row] != "rate"]
-    assert len(rows) == common - states - (device is DEVICE)
-    expected[np.ix_(rows, rows)] = 100.0 * previous.arrays.p[np.ix_(rows, rows)]
-    if device is DEVICE:
-        rate = observer.estimated.index("rate")
-        expected[rate, rate] = 100.0 * previous.arrays.p[rate, rate]
-    np.testing.assert_array_equal(observer.arrays.p, expected)
-    np.testing.assert_array_equal(observer.arrays.c, expected)
-    if device is DEVICE:
-        assert np.flatnonzero(observer.arrays.p[rate]).tolist() == [rate]
-
-
-@pytest.mark.parametrize(("device", "settings"), [(DEVICE, SETTINGS), (SINGLE, SETTINGS)])
-def test_none_begins_less_known_than_before_a_record_was_seen(device: Device, settings: ObserverSettings) -> None:
-    """What a pass tells nothing of would else be ten times less known after each; what they share stays as it is."""
-    previous, observer = ended(settings, device, variance=1e-4), Observer(device, settings)
-    constants = slice(observer.states, None)
-    declared = np.sqrt(np.diagonal(observer.arrays.p)[constants])
-    begin_about(observer, previous)
-    found = previous.arrays.p[constants, constants]
-    known = np.sqrt(np.diagonal(found))
-    begun = observer.arrays.p[constants, constants]
-    capped = declared < 10.0 * known
-    assert np.sum(capped) > 0
-    np.testing.assert_allclose(np.sqrt(np.diagonal(begun)), np.where(capped, declared, 10.0 * known), rtol=1e-12)
-    shared = begun / np.sqrt(np.outer(np.diagonal(begun), np.diagonal(begun)))
-    expected = found / np.outer(known, known)
-    if device is DEVICE:
-        rate = observer.estimated[observer.states :].index("rate")
-        expected[rate, :] = expected[:, rate] = 0.0
-        expected[rate, rate] = 1.0
-    np.testing.assert_allclose(shared, expected, rtol=1e-9, atol=1e-12)
-
-
-def test_coefficients_stand_behind_the_motion_and_the_constants() -> None:
-    observer = Observer(DEVICE, MORE)
-    names = observer.estimated[-len(observer.coefficient_deviations) :]
-    assert names == tuple(c.name for _, effect in observer.effects for c in effect.coefficients)
-    assert set(names) == {"dqx", "dqy", "hx", "hy"}
-    observer.arrays.p[:] = np.diag(np.arange(1.0, len(observer.arrays.p) + 1.0) ** 2)
-    last = len(observer.arrays.p)
-    np.testing.assert_allclose(observer.coefficient_deviations, np.arange(last - 3, last + 1))
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import math
 import re
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,20 +14,11 @@ from estimator.diagnosis import Interval
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.model import gyro
 from estimator.trace import symmetries
-from estimator.trace.symmetries import (
-    Constants,
-    System,
-    equivalents,
-    mass_of_nonreciprocal,
-    mass_of_sense_gain,
-    retimed,
-    reversed_in_time,
-    system_with,
-)
+from estimator.trace.symmetries import Constants, equivalents
+from tests.trace.equations import CORIOLIS, System, retimed, reversed_in_time, system_of, system_with
 
 CONSTANTS = Constants((1.02, 0.98, 0.03), (4e-3, 5e-3, 5e-4), (1.0, 1.0, 0.0), 0.05)
 T = np.linspace(0.0, 60.0, 241)
-CORIOLIS = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
 
 def push(t):
@@ -92,7 +84,11 @@ ALL = [
 
 
 def of(named, constants=CONSTANTS, nonreciprocal=None):
-    return {one.other: one for one in equivalents(named, constants, nonreciprocal)}
+    """By the other cause, each with the equations that it then has."""
+    return {
+        one.other: SimpleNamespace(**vars(one), told_by=one.told_by, system=system_of(one, named, constants))
+        for one in equivalents(named, constants, nonreciprocal)
+    }
 
 
 @pytest.mark.moderate
@@ -241,7 +237,7 @@ def test_unequal_masses_are_a_drive_gain_of_one_axis_and_a_stiffness_that_is_not
 @pytest.mark.moderate
 def test_a_record_that_runs_backwards_has_a_damping_that_drives() -> None:
     constants = replace(CONSTANTS, damping=(-4e-3, -5e-3, -5e-4))
-    (found,) = equivalents({"sense_cubic": {"a3x": is_(0.1)}}, constants, None)
+    (found,) = of({"sense_cubic": {"a3x": is_(0.1)}}, constants).values()
     assert (found.effect, found.other) == ("sense_cubic", "time_reversal")
     system = system_with({}, constants)
     seen, slope = voltages(system, T, start=(np.array([1.0, 0.0]), np.array([0.0, 0.3])))
@@ -389,15 +385,6 @@ def test_all_that_only_a_declaration_can_tell_is_listed_beside_something() -> No
     assert hidden <= listed
 
 
-def test_two_masses_on_one_spring_are_a_stiffness_that_is_not_symmetric_or_a_sense_gain() -> None:
-    """A spring of 55 between masses of 1 and 2.4: kxy + kn = −55, kxy − kn = −55 / 2.4."""
-    above, below = -55.0, -55.0 / 2.4
-    assert mass_of_nonreciprocal(0.5 * (above + below), 0.5 * (above - below)) == pytest.approx(1.4)
-    assert mass_of_nonreciprocal(1.0, 2.0) is None
-    assert mass_of_sense_gain(2.4**-0.5 - 1.0) == pytest.approx(1.4)
-    assert mass_of_sense_gain(-1.5) is None
-
-
 @pytest.mark.parametrize(("axis", "symbols"), [(0, ("hx", "hy")), (1, ("hy", "hx"))])
 def test_a_sense_gain_of_one_axis_is_a_drive_gain_of_that_axis(axis: int, symbols: tuple[str, str]) -> None:
     """V = S (1 + g) x of one axis, in units of V: the drive pushes by 1 + g, kxy and kyx are 1 + g and 1/(1 + g) ×."""
@@ -408,7 +395,7 @@ def test_a_sense_gain_of_one_axis_is_a_drive_gain_of_that_axis(axis: int, symbol
     stiffness = seen[0, 0], seen[1, 1], 0.5 * (seen[0, 1] + seen[1, 0])
     constants = Constants(stiffness, (4e-3, 4e-3, 0.0), (1.0, 1.0), 0.05)
     named = {"drive_gain": {symbols[0]: is_(g, 1e-4), symbols[1]: is_(0.0, 1e-4)}}
-    (same,) = (one for one in equivalents(named, constants, is_(kn, 1e-6)) if one.other == "sense_gain")
+    same = of(named, constants, is_(kn, 1e-6))["sense_gain"]
     assert same.size == pytest.approx(g)
     # A bench file has a sense gain of y beside that of x, none of x.
     assert declared(same) == ({"sense_gain": {"gy": pytest.approx(g)}} if axis == 1 else {})
@@ -486,8 +473,7 @@ def test_a_large_drive_gain_of_one_axis_is_a_sense_gain_with_a_coupling_to_match
     drive = [between(-1e-3, 0.0, 1e-3), between(-1e-3, 0.0, 1e-3)]
     drive[axis] = between(0.49, 0.5, 0.51)
     named = {"drive_gain": dict(zip(("hx", "hy"), drive, strict=True))}
-    found = {one.other: one for one in equivalents(named, CONSTANTS, between(kn - 1e-6, kn, kn + 1e-6))}
-    other = found["sense_gain"]
+    other = of(named, CONSTANTS, between(kn - 1e-6, kn, kn + 1e-6))["sense_gain"]
     assert other.size == pytest.approx(0.5)
     scale = np.ones(2)
     scale[axis] = gain

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 
 from estimator.diagnosis import Rejected, Verdict
+from estimator.scaling import Scaling
 from estimator.trace.ambiguity import Member, exchanged
-from estimator.trace.checks import CHECKS, Check
+from estimator.trace.checks import CHECKS
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import fit, settle
-from estimator.trace.likelihood import Evaluation
+from estimator.trace.likelihood import Check, Evaluation
 from estimator.trace.named import effects_of
 from estimator.trace.probabilities import _classes, probabilities
 from estimator.trace.problem import Effects
@@ -122,7 +123,8 @@ def rejected(**gains: tuple[int, float]) -> dict[str, Rejected]:
     found = search(of)
     sense, drive = records(1, 60)
     groups: dict[str, list[Member]] = {name: [] for name in found.best.model.effects}
-    return {each.name: each for each in rejections(of, problem(sense[0], drive[0]).device, found, groups, {})}
+    scaling = Scaling.of(problem(sense[0], drive[0]).device)
+    return {each.name: each for each in rejections(of, found, groups, {}, scaling)}
 
 
 def test_every_candidate_that_is_not_named_says_what_it_gains_and_how_large_it_is_at_most() -> None:
@@ -135,6 +137,18 @@ def test_every_candidate_that_is_not_named_says_what_it_gains_and_how_large_it_i
     assert bound.value == pytest.approx(np.sqrt(3.0 / 2000), rel=0.05)
     assert bound.high - bound.value == pytest.approx(1.96 / np.sqrt(2000), rel=0.15)  # times the scatter's root
     assert bound.value - bound.low == pytest.approx(bound.high - bound.value)
+
+
+def test_a_candidate_that_was_taken_out_again_says_so() -> None:
+    of = orthogonal(a=(1, 60.0), b=(1, 3.0))
+    found = search(of)
+    assert list(found.best.model.effects) == ["a"]
+    sense, drive = records(1, 60)
+    scaling = Scaling.of(problem(sense[0], drive[0]).device)
+    left = rejections(of, replace(found, best=found.base), {}, {}, scaling)
+    reasons = {one.name: one.reason for one in left}
+    assert set(reasons) == {"a", "b"}
+    assert "beside the others" in reasons["a"]
 
 
 def sentences() -> list[str]:

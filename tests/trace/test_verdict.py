@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from estimator.diagnosis import Verdict
-from estimator.trace.checks import Check
+from estimator.trace.likelihood import Check
 from estimator.trace.result import verdict_of
 
 OF_MODEL, OF_EFFECT = ("prior", "noise floor", "disturbance"), ("held out", "sign", "constancy")

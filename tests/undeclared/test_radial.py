@@ -9,7 +9,6 @@ from benchmarks.lockstep import bench_of, close_loop, scenario_of
 from device_emulator.scenario import Scenario
 from estimator.diagnosis import Verdict
 from estimator.effects.catalogue import EFFECTS
-from estimator.effects.search import Kin
 from estimator.trace.problem import Problem
 from estimator.trace.trace import trace
 from evaluation.undeclared.record import write_capture
@@ -21,7 +20,7 @@ from hil.tracing.trace import record_of
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # loops of 24,000 samples, and traces of them
 
 SAMPLES = 24_000
-RADIAL = tuple(effect.name for effect in EFFECTS if effect.plane and effect.kin is Kin.DAMPING)
+RADIAL = tuple(effect.name for effect in EFFECTS if effect.plane and effect.name.endswith("_radial"))
 
 
 @pytest.mark.parametrize("name", RADIAL)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from estimator.missing_force.linear import Linear
-from estimator.missing_force.smoother import chosen, euler, smooth
+from estimator.missing_force.linear import Linear, turned
+from estimator.missing_force.smoother import chosen, smooth
 from tests.estimator.missing_force.simulated import (
     A_FORCE,
     DAMPING,
@@ -58,7 +58,7 @@ def known(record: Simulated) -> Linear:
 def judged(record: Simulated) -> tuple[float, float]:
     """Relative error of the force, rms, and the share of samples within the 95 % band, away from the ends."""
     linear = known(record)
-    latent = chosen(linear, None, 1e-16)
+    latent = chosen(linear, 1e-16)
     found = smooth(linear, latent, None, 1e-16)
     rows = slice(1000, -1000)
     true = record.force[rows] / A_FORCE
@@ -88,7 +88,7 @@ def test_where_nothing_is_missing_no_force_is_found() -> None:
     """As large as what the force of friction in the other test is wrong by, at most."""
     record = simulated(lambda q, v: 0.0 * q, axes=2, samples=SAMPLES, noise=NOISE)
     linear = known(record)
-    found = smooth(linear, chosen(linear, None, 1e-16), None, 1e-16)
+    found = smooth(linear, chosen(linear, 1e-16), None, 1e-16)
     assert np.sqrt(np.mean(found.force[1000:-1000] ** 2)) < 3e-4
 
 
@@ -96,7 +96,7 @@ def test_where_nothing_is_missing_no_force_is_found() -> None:
 def test_lost_samples_and_a_rate_that_moves_do_no_harm() -> None:
     record = simulated(PLANE["cubic"], axes=2, samples=SAMPLES, noise=NOISE)
     linear = known(record)
-    plain = smooth(linear, chosen(linear, None, 1e-16), None, 1e-16)
+    plain = smooth(linear, chosen(linear, 1e-16), None, 1e-16)
     holes = linear.sense.copy()
     holes[5000:5003] = np.nan
     holes[7000] = np.nan
@@ -104,9 +104,9 @@ def test_lost_samples_and_a_rate_that_moves_do_no_harm() -> None:
     assert np.all(np.isfinite(smooth(with_holes, plain.latent, None, 1e-16).force))
     # A rate that is told as constant, or as constant plus a swing that the Coriolis force undoes, is the same record.
     swing = 2e-3 * np.sin(2.0 * np.pi * np.arange(SAMPLES) / 4000.0)
-    turned = Linear(linear.sense, linear.drive, linear.step, linear.noise, linear.constants, linear.offset,
+    swinging = Linear(linear.sense, linear.drive, linear.step, linear.noise, linear.constants, linear.offset,
                     linear.rate + swing)  # fmt: skip
-    found = smooth(turned, plain.latent, euler(turned, plain.motion), 1e-16)
+    found = smooth(swinging, plain.latent, turned(swinging, plain.motion), 1e-16)
     rows = slice(1000, -1000)
     extra = 2.0 * swing[rows, None] * np.stack([plain.motion[rows, 3], -plain.motion[rows, 1]], axis=1)
     error = found.force[rows] + extra - plain.force[rows]
