@@ -1,0 +1,255 @@
+"""The figures of one axis, from its records."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from estimator.allan.deviation import AllanSums
+from estimator.allan.noise import Noise, read_noise
+from estimator.characteristics.regression import Estimate
+from estimator.characteristics.response import response
+from estimator.characteristics.scale_factor import Line, line
+from estimator.characteristics.small_rates import small_rates
+from estimator.characteristics.start_up import start_up
+from estimator.characteristics.stretches import HARMONICS, Gathered, Stretches, joined, pattern_columns
+from hil.characterising.source import Axis, Block
+
+Floats = npt.NDArray[np.float64]
+
+_STRETCH_S, _MOST = 0.1, 100_000  # length of a stretch, and how many there may be
+_RESPONSE = 1 << 21  # samples that bandwidth and delay are read from
+_FIGURE_OF = {
+    "quantisation": "quantisation",
+    "white": "angle_random_walk",
+    "rate random walk": "rate_random_walk",
+    "ramp": "rate_ramp",
+}
+AT_REST = "as of a device at rest; the Earth's rate is in it"
+AT_ONE_RATE = "at the record's one rate; the scale factor error times that rate is in it"
+_CONFOUNDED = "the record does not tell it apart from the figures above"
+
+
+@dataclass
+class AxisFigures:
+    """What the records of one axis tell: figures by name, why others are missing, and what is drawn."""
+
+    axis: str
+    found: dict[str, Estimate] = field(default_factory=dict)
+    missing: dict[str, str] = field(default_factory=dict)
+    line: Line | None = None
+    stretches: Stretches | None = None
+    noise: Noise | None = None
+    referred: bool = False
+
+
+def figures_of(records: Sequence[Axis]) -> AxisFigures:
+    """Of the records of one axis; noise, response and start-up of the longest of them."""
+    told = AxisFigures(records[0].name)
+    longest = max(range(len(records)), key=lambda number: records[number].span)
+    at_rest = AllanSums(_settled_span(records[longest]))  # of a record without a reference one pass is enough
+    parts = [_stretches(record, at_rest if number == longest else None) for number, record in enumerate(records)]
+    told.stretches = whole = joined(parts)
+    told.referred = whole.reference is not None
+    told.line = line(whole)
+    if told.line is None:
+        told.missing["bias"] = "the record is too short"
+        _say_what_is_missing(told, whole)
+        return told
+    told.found = told.line.figures()
+    if not told.referred:
+        told.found["bias"] = told.found["bias"]._replace(said=AT_REST)
+    elif "scale_factor_error" not in told.found and whole.reference is not None and np.any(whole.reference):
+        told.found["bias"] = told.found["bias"]._replace(said=AT_ONE_RATE)
+    told.found |= small_rates(told.line.levels)
+    record = records[longest]
+    if record.steady:
+        told.missing |= dict.fromkeys((*_FIGURE_OF.values(), "bias_instability", "start_up"), "rows without time")
+    else:
+        plain = parts[longest].reference is None and parts[longest].pattern is None
+        _read(told, record, at_rest if plain else _noise(told, record))
+        if told.referred and whole.moves:
+            told.found |= _response(record)
+        started = _start_up(record, told, parts[longest] if len(parts) == 1 else None)
+        if started is not None:
+            told.found["start_up"] = started
+    _turn_on(told, parts)
+    _say_what_is_missing(told, whole)
+    return told
+
+
+def _settled_span(record: Axis) -> int:
+    return record.first + record.span - max(record.settled_from, record.first)
+
+
+def _stretch(record: Axis) -> int:
+    """Ticks of a stretch."""
+    return max(1, round(_STRETCH_S * record.rate_Hz), -(-record.span // _MOST))
+
+
+def _stretches(record: Axis, at_rest: AllanSums | None = None) -> Stretches:
+    """One pass: means over stretches; of rows without time each is one. What is told nothing of how it turned goes into
+    the sums of its noise as well."""
+    length = 1 if record.steady else _stretch(record)
+    blocks = _settled(record)
+    first = next(blocks, None)
+    if first is None:
+        return Stretches(np.zeros(0), np.zeros(0))
+    has_reference, has_temperature, has_pattern = (part is not None for part in first[2:])
+    width = 1 + 2 * has_reference + has_temperature + 4 * len(HARMONICS) * has_pattern
+    gathered = Gathered(length, record.rate_Hz, width)
+    while first is not None:
+        if at_rest is not None and not has_reference and not has_pattern:
+            at_rest.add(first.rate, first.tick)
+        gathered.add(first.tick - record.first, *_columns(first, record.rate_Hz))
+        first = next(blocks, None)
+    t_s, means = gathered.means()
+    columns = iter(means.T)
+    rate = next(columns)
+    reference, slope = (next(columns), next(columns)) if has_reference else (None, None)
+    temperature = next(columns) if has_temperature else None
+    pattern = np.column_stack(list(columns)) if has_pattern else None
+    return Stretches(t_s, rate, reference, None if record.steady else slope, temperature, pattern)
+
+
+def _columns(block: Block, rate_Hz: float) -> list[Floats]:
+    columns = [block.rate]
+    if block.reference is not None:
+        slope = np.gradient(block.reference, block.tick / rate_Hz) if block.tick.size > 1 else np.zeros(1)
+        columns += [block.reference, slope]
+    if block.temperature is not None:
+        columns.append(block.temperature)
+    if block.theta is not None:
+        turning = np.zeros(block.tick.size) if block.reference is None else block.reference
+        columns += list(pattern_columns(block.theta, turning).T)
+    return columns
+
+
+def _settled(record: Axis) -> Iterator[Block]:
+    for block in record.blocks():
+        late = block.tick >= record.settled_from
+        if late.all():
+            yield block
+        elif late.any():
+            yield Block(*(None if part is None else part[late] for part in block))  # type: ignore[arg-type]
+
+
+def _left(block: Block, told: AxisFigures) -> Floats:
+    """The rate less what the fit accounts for but for the bias: noise."""
+    assert told.line is not None
+    left = block.rate
+    if block.reference is not None:
+        left = left - block.reference * (1.0 + told.line.fit.of("scale"))
+        if (asymmetry := told.line.fit.of("asymmetry")) != 0.0:
+            left = left - asymmetry * np.abs(block.reference)
+    if block.theta is not None and told.line.angles:
+        turning = np.zeros(block.tick.size) if block.reference is None else block.reference
+        columns = pattern_columns(block.theta, turning)
+        names = [f"{kind}_{turn}{k}" for kind in ("bias", "scale") for k in HARMONICS for turn in ("cos", "sin")]
+        left = left - columns @ np.array([told.line.fit.of(name) for name in names])
+    return np.asarray(left)
+
+
+def _noise(told: AxisFigures, record: Axis) -> AllanSums:
+    """A second pass, of what the fit leaves."""
+    sums = AllanSums(_settled_span(record))
+    for block in _settled(record):
+        sums.add(_left(block, told), block.tick)
+    return sums
+
+
+def _read(told: AxisFigures, record: Axis, sums: AllanSums) -> None:
+    """What the Allan deviation tells."""
+    told.noise = noise = read_noise(sums.deviation(record.rate_Hz))
+    if noise.fit is None:
+        why = "the Allan deviation is not that of noise alone, or the record is too short"
+        told.missing |= dict.fromkeys((*_FIGURE_OF.values(), "bias_instability"), why)
+        return
+    for term, figure in _FIGURE_OF.items():
+        if term in noise.readings:
+            read = noise.readings[term]
+            told.found[figure] = Estimate(read.value, read.low, read.high)
+        else:
+            told.missing[figure] = "no stretch of the Allan deviation shows it"
+    if noise.bias_instability is not None:
+        read = noise.bias_instability
+        told.found["bias_instability"] = Estimate(read.value, read.low, read.high)
+    elif noise.bias_bound_rad_s is not None:
+        bound = noise.bias_bound_rad_s
+        told.found["bias_instability"] = Estimate(bound, 0.0, bound, "the record is too short; it lies below (95 %)")
+
+
+def _response(record: Axis) -> dict[str, Estimate]:
+    """From the longest beginning without a gap."""
+    rates, references, count = [], [], 0
+    due: int | None = None
+    for block in _settled(record):
+        assert block.reference is not None
+        tick = block.tick
+        begin = tick[0] if due is None else due
+        whole = int(np.count_nonzero(np.cumprod(tick == begin + np.arange(tick.size))))
+        rates.append(block.rate[:whole])
+        references.append(block.reference[:whole])
+        count, due = count + whole, int(begin) + whole
+        if whole < tick.size or count >= _RESPONSE:
+            break
+    return response(np.concatenate(rates), np.concatenate(references), record.rate_Hz) if count else {}
+
+
+def _start_up(record: Axis, told: AxisFigures, part: Stretches | None) -> Estimate | None:
+    """Of the record from its first sample on, also where that does not count for the rest; `part`: its stretches, where
+    they are all that was fitted."""
+    if part is not None and record.settled_from == record.first and told.line is not None:
+        return start_up(part.t_s, told.line.fit.residual)
+    gathered = Gathered(_stretch(record), record.rate_Hz, 1)
+    for block in record.blocks():
+        gathered.add(block.tick - record.first, _left(block, told))
+    t_s, means = gathered.means()
+    return start_up(t_s, means[:, 0]) if t_s.size else None
+
+
+def _turn_on(told: AxisFigures, parts: list[Stretches]) -> None:
+    """Scatter of the bias of several records, each from a start of its own."""
+    from scipy.stats import chi2
+
+    if len(parts) < 2:
+        told.missing["bias_turn_on"] = "needs several records, each of a start of its own"
+        return
+    biases = [found.fit.of("bias") for part in parts if (found := line(part)) is not None]
+    if len(biases) < 2:
+        told.missing["bias_turn_on"] = "the records are too short"
+        return
+    spread, free = float(np.std(biases, ddof=1)), len(biases) - 1
+    low, high = (spread * float(np.sqrt(free / chi2.ppf(tail, free))) for tail in (0.975, 0.025))
+    told.found["bias_turn_on"] = Estimate(spread, low, high, f"standard deviation over {len(biases)} records")
+
+
+def _say_what_is_missing(told: AxisFigures, whole: Stretches) -> None:
+    """Why a figure is not there."""
+    why: dict[str, str] = {}
+    unmoved = "needs a reference that moves" if told.referred else "needs a reference: how the device turned"
+    moved = ("scale_factor_error", "scale_factor_nonlinearity", "scale_factor_asymmetry", "bandwidth", "delay")
+    why |= dict.fromkeys((*moved, "threshold", "dead_zone", "scale_factor_temperature"), unmoved)
+    if whole.moves:
+        why |= {
+            "scale_factor_nonlinearity": "needs three rates, each given for three stretches",
+            "scale_factor_asymmetry": "needs rates of both signs, and of several sizes",
+            "bandwidth": "the output does not fall by 3 dB where it follows the reference",
+            "delay": "no frequency at which the output follows the reference",
+            "threshold": "no rate below 5 % of the largest was given long enough to be seen in the noise",
+            "dead_zone": "no rate below 5 % of the largest was given long enough to be seen in the noise",
+        }
+    cold = "needs a temperature" if whole.temperature is None else "needs a temperature that changes by 2 K"
+    why["bias_temperature"] = cold
+    if whole.moves:
+        why["scale_factor_temperature"] = cold
+    if whole.pattern is not None:
+        every = "the pattern did not pass all angles"
+        why |= {f"{kind}_{k}theta": every for kind in ("bias", "scale_factor") for k in HARMONICS}
+        if not whole.moves:
+            why |= {f"scale_factor_{k}theta": unmoved for k in HARMONICS}
+    why["start_up"] = "the record is too short"
+    if told.line is not None:
+        why |= dict.fromkeys(told.line.confounded, _CONFOUNDED)
+    told.missing = {name: reason for name, reason in (why | told.missing).items() if name not in told.found}

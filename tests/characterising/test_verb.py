@@ -1,0 +1,152 @@
+"""`hil characterise` from records: what it tells, what it says that it cannot, limits, JUnit, bad input."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import hil
+from hil.bench.data_sheet import FIGURES
+from hil.errors import InputError
+from hil.records.capture import import_layout
+from hil.records.data_sheet import load_data_sheet
+from hil.records.layout import Column
+from hil.records.rates import rates_layout
+from hil.records.stream import BlockWriter
+from tests.cli.conftest import hil as called  # noqa: F401
+
+RATE_HZ = 100.0
+SENSOR = """
+[device]
+name = "table sensor"
+axes = 0
+scale_V_s_per_rad = 0.5
+range_rad_s = 3.0
+noise_V = 1e-3
+sample_rate_Hz = 100.0
+"""
+
+
+def still(path, seed, bias=2e-4, n=30_000):
+    """A sensor at rest: white noise of 1e-4 rad/√s on two axes."""
+    scale = 1e-7
+    channels = [Column(f"rate_{axis}_code", "i4", "rad/s", scale) for axis in "xy"]
+    layout = rates_layout(channels, tick_rate_Hz=RATE_HZ, device="a sensor")
+    path.mkdir()
+    noise = 1e-4 * np.sqrt(RATE_HZ) * np.random.default_rng(seed).standard_normal((n, 2))
+    rows = np.zeros(n, layout.dtype)
+    rows["tick"] = np.arange(n)
+    for k, axis in enumerate("xy"):
+        rows[f"rate_{axis}_code"] = np.round((bias + noise[:, k]) / scale)
+    with BlockWriter(path / "capture.arrow", layout) as writer:
+        writer.push(rows)
+    return path
+
+
+def turned(path, n=24_000):
+    """A sensor on a table that steps through 25 rates, with a scale factor 1 % too large."""
+    rate = np.repeat(np.linspace(-2, 2, 25), n // 25 + 1)[:n]
+    layout = import_layout(["vx_V", "rate_rad_s"], tick_rate_Hz=RATE_HZ, uniform=True, hold="zoh", segments={})
+    rows = np.zeros(n, layout.dtype)
+    rows["tick"], rows["rate_rad_s"] = np.arange(n), rate
+    rows["vx_V"] = 0.505 * rate + 1e-3 * np.random.default_rng(3).standard_normal(n)
+    with BlockWriter(path, layout) as writer:
+        writer.push(rows)
+    return path
+
+
+def test_a_sensor_at_rest(tmp_path):
+    sheet = hil.characterise([still(tmp_path / "a", 1), still(tmp_path / "b", 2, 5e-4)], out=tmp_path / "runs")
+    walk, bias, turn_on = (sheet[name] for name in ("angle_random_walk", "bias", "bias_turn_on"))
+    assert walk.value == pytest.approx(1e-4, rel=0.04)  # how often the interval holds it: tests/rate_sensor
+    assert walk.low < walk.value < walk.high
+    assert walk.sheet_value == pytest.approx(np.degrees(walk.value) * 60)
+    assert walk.sheet_unit == "°/√h"
+    assert bias.value == pytest.approx(3.5e-4, abs=3e-5)
+    assert "at rest" in bias.said
+    assert turn_on.value == pytest.approx(3e-4 / np.sqrt(2), rel=0.1)
+    assert sheet["scale_factor_error"].value is None
+    assert "reference" in sheet["scale_factor_error"].said
+    assert {row.axis for row in sheet.sheet.rows} == {"x", "y"}
+    assert load_data_sheet(sheet.path / "characteristics.json") == sheet.sheet
+    page = (sheet.path / "report.html").read_text()
+    assert page.count("<figure") == 2
+    assert "angle random walk" in page
+
+
+def test_a_table_that_steps_and_the_limits_of_its_data_sheet(tmp_path, called):  # noqa: F811
+    """The limits decide the exit code and the test cases; a figure that is not told keeps none."""
+    capture = turned(tmp_path / "table.arrow")
+    bench = tmp_path / "sensor.bench.toml"
+    limits = "[limits]\nscale_factor_error_ppm = {}\nbias_deg_per_h = 100.0\n"
+    bench.write_text(SENSOR + limits.format(20_000.0))
+    call = ["characterise", str(capture), "--bench", str(bench), "--json", "-o", str(tmp_path / "runs"), "--no-report"]
+    junit = tmp_path / "sheet.xml"
+    code, out, _ = called(*call, "--junit", str(junit))
+    assert code == 0
+    told = json.loads(out)
+    rows = {row["figure"]: row for row in told["rows"]}
+    assert rows["scale_factor_error"]["low"] <= 0.01 <= rows["scale_factor_error"]["high"]
+    assert rows["scale_factor_error"]["limit"] == pytest.approx(0.02)
+    assert rows["scale_factor_nonlinearity"]["value"] < 1e-3
+    cases = ElementTree.parse(junit).findall(".//testcase")
+    assert [case.get("name") for case in cases] == ["table sensor scale factor error", "table sensor bias"]
+    bench.write_text(SENSOR + limits.format(5000.0) + "bias_instability_deg_per_h = 1e-6\nstart_up_s = 10.0\n")
+    code, out, _ = called(*call, "--junit", str(junit), "--replace")
+    assert code == 1
+    told = json.loads(out)
+    rows = {row["figure"]: row for row in told["rows"]}
+    assert told["verdict"] == "failed"
+    assert rows["scale_factor_error"]["kept"] is False
+    assert rows["bias"]["kept"] is True
+    assert rows["bias_instability"]["kept"] is False
+    assert len(ElementTree.parse(junit).findall(".//failure")) == 2
+
+
+@pytest.mark.slow
+def test_a_whole_angle_run_needs_the_truth_that_is_named(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    run = hil.run("s-slow", link="inproc:s-slow", clock="lockstep", duration_s=24, truth="truth.arrow")
+    without = hil.characterise(run, report=False)
+    assert without.sheet.reference is None
+    assert without["scale_factor_error"].value is None
+    sheet = hil.characterise(run, truth=tmp_path / "truth.arrow", report=False)
+    assert sheet.sheet.reference == "truth"
+    error = sheet["scale_factor_error"]
+    assert abs(error.value) < 0.02
+    assert error.low < 0.0 < error.high
+
+
+@pytest.mark.slow
+def test_harmonics_that_are_not_told_apart_are_no_calibration(tmp_path, monkeypatch):
+    """Ten seconds of one rate and two of the other: the pattern passes most angles, at each rate some of them."""
+    monkeypatch.chdir(tmp_path)
+    run = hil.run("s-slow", link="inproc:s-slow", clock="lockstep", duration_s=12, truth="truth.arrow")
+    with pytest.raises(InputError, match="each way round"):
+        hil.characterise(run, truth="truth.arrow", calibrate="calibrations", report=False)
+    assert not Path("calibrations").exists()
+
+
+def test_bad_input_is_told_in_a_line(tmp_path):
+    folder = still(tmp_path / "a", 1, n=2000)
+    for records, options, word in (
+        ([tmp_path / "nothing"], {}, "no such"),
+        ([folder], {"truth": ("a.arrow", "b.arrow")}, "truth: 2 for 1 runs"),
+        ([folder], {"truth": "a.arrow"}, "no run of an emulated gyro"),
+        ([folder], {"calibrate": tmp_path / "c"}, "does not tell what depends on the angle"),
+        ([], {}, "no record"),
+        ([turned(tmp_path / "t.arrow")], {}, "give a run of two axes"),
+        (["nobody:/dev/null"], {}, "no adapter of that name"),
+    ):
+        with pytest.raises(InputError, match=word):
+            hil.characterise(records, out=tmp_path / "runs", report=False, **options)
+    assert not list((tmp_path / "runs").glob("*")) if (tmp_path / "runs").exists() else True
+
+
+def test_every_figure_has_its_unit_and_its_clause():
+    assert len({figure.key for figure in FIGURES}) == len(FIGURES)
+    for figure in FIGURES:
+        assert figure.clause.startswith("IEEE Std")
+        assert figure.shown(1.0) == pytest.approx(figure.field.per_model_unit)
