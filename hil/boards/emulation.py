@@ -20,7 +20,7 @@ from typing import IO, NamedTuple
 from hil.bench import examples
 from hil.errors import InputError
 from hil.progress import Progress, Watcher, untold
-from hil.wire.link_name import Emulated, parse_link
+from hil.wire.link_name import Emulated, LabgridPlace, parse_link
 
 _READY = "ready "
 _TOLD_S = 1.0  # how often it is told that a board is still waited for …
@@ -176,7 +176,8 @@ class Served(NamedTuple):
 def served(
     link: str, *, truth: Path | None = None, seed: int | None = None, progress: Watcher = untold
 ) -> Iterator[Served]:
-    """``link`` as something to open; behind ``pty:SCENARIO`` a board serves for the length of the block."""
+    """``link`` as something to open; behind ``pty:SCENARIO`` a board serves for the length of the block, behind
+    ``labgrid:PLACE`` the place is held."""
     what = parse_link(link)
     if isinstance(what, Emulated) and what.kind == "pty":
         serving = emulator(
@@ -185,6 +186,11 @@ def served(
         )  # fmt: skip
         with serving as board:
             yield Served(board.url, board)
+    elif isinstance(what, LabgridPlace):
+        from hil.boards.labgrid import leased
+
+        with leased(what.place) as url:
+            yield Served(url)
     else:
         yield Served(link)
 

@@ -11,6 +11,6 @@ with bench.board("drift over night") as board:
 
 from hil.client.board import Board
 from hil.client.service import Service, connect
-from hil.client.stream import Frame
+from hil.records.frame import Frame
 
 __all__ = ["Board", "Frame", "Service", "connect"]

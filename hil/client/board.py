@@ -1,4 +1,4 @@
-"""The board of a service, for whoever has its lease."""
+"""The board of a service, for the holder of its lease."""
 
 import getpass
 import socket
@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, Unpack
 
 from hil.errors import InputError
 from hil.library.keywords import takes
-from hil.loop.options import RunOptions
 from hil.options import body_of
+from hil.running.options import RunOptions
 
 if TYPE_CHECKING:
     from hil.bench import Bench

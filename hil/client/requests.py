@@ -10,7 +10,7 @@ from hil.errors import InputError
 
 FOUND_BY = Path(".service") / "serve.json"
 """Where a service says where it is, in the folder of its runs."""
-_PATIENCE_S = 620.0  # a board may have to be started, and kernels compiled
+_PATIENCE_S = 200.0  # longer than the service waits for a board that has to be started
 
 
 class Requests:

@@ -7,16 +7,19 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self, Unpack
 
+from hil.characterising.options import CharacteriseOptions
 from hil.client.board import Board
 from hil.client.remote_run import RemoteRun
 from hil.client.requests import Requests, found
-from hil.client.stream import Frame, Stream
+from hil.client.stream import Stream
 from hil.errors import InputError
+from hil.identifying.options import IdentifyOptions
 from hil.importing.options import ImportOptions
 from hil.library.keywords import takes
-from hil.loop.options import RunOptions
 from hil.options import body_of
+from hil.records.frame import Frame
 from hil.replaying.options import ReplayOptions
+from hil.running.options import RunOptions
 from hil.sensors.options import RecordOptions
 from hil.sweeping.options import SweepOptions
 from hil.tracing.options import TraceOptions
@@ -142,6 +145,35 @@ class Service:
         asked = {name: value for name, value in given.items() if value is not None} | body_of(ReplayOptions, options)
         return self.load(self.job("replay", run=_id(run), **asked)["result"]["run"])
 
+    @takes(CharacteriseOptions)
+    def characterise(
+        self, run: "AnyRun | Sequence[AnyRun]", bench: str | None = None, **options: Unpack[CharacteriseOptions]
+    ) -> dict[str, Any]:
+        """The figures of a data sheet from runs of one device, by the service."""
+        runs = [_id(one) for one in run] if isinstance(run, list | tuple) else _id(run)  # type: ignore[arg-type]
+        asked = {} if bench is None else {"bench": bench}
+        row = self.job("characterise", run=runs, **asked, **body_of(CharacteriseOptions, options))
+        sheet: dict[str, Any] = row["result"]["sheet"]
+        return sheet
+
+    @takes(IdentifyOptions)
+    def identify(
+        self,
+        link: str | None = None,
+        *,
+        run: "AnyRun | Sequence[AnyRun]" = (),
+        save: str | None = None,
+        **options: Unpack[IdentifyOptions],
+    ) -> dict[str, Any]:
+        """The constants of an emulated board by an experiment of the service, or of a device by its runs: `found` is as
+        identified.json, `bench` the name of the bench file, that of `save` where the board is as it says.
+        """
+        runs = [_id(one) for one in run] if isinstance(run, list | tuple) else _id(run)  # type: ignore[arg-type]
+        given = {"link": link, "run": runs, "save": save}
+        asked = {name: value for name, value in given.items() if value is not None} | body_of(IdentifyOptions, options)
+        result: dict[str, Any] = self.job("identify", **asked)["result"]
+        return result
+
     def diff(self, a: RemoteRun | str, b: RemoteRun | str) -> dict[str, Any]:
         """Two runs side by side."""
         answer: dict[str, Any] = self.requests.json("GET", "/api/compare", params={"a": _id(a), "b": _id(b)})
@@ -159,8 +191,7 @@ class Service:
 
     def devices(self) -> list[dict[str, Any]]:
         """The devices whose runs are there."""
-        answer = self.requests.json("GET", "/api/devices")
-        devices: list[dict[str, Any]] = answer["devices"] if isinstance(answer, dict) else answer
+        devices: list[dict[str, Any]] = self.requests.json("GET", "/api/devices")
         return devices
 
     # -- the board -----------------------------------------------------------------------------------------------------
@@ -172,7 +203,7 @@ class Service:
         return answer
 
     def safe(self) -> dict[str, Any]:
-        """Bring the board to SAFE, whoever has it; says whether it has confirmed."""
+        """Bring the board to SAFE, whatever client has it; returns whether it has confirmed."""
         answer: dict[str, Any] = self.requests.json("POST", "/api/board/safe")
         return answer
 

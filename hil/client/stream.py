@@ -1,46 +1,13 @@
 """The live connection of a service: the board's state as it is told, and frames of a run that lasts."""
 
 import json
-import struct
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any, Self
 
-import numpy as np
-import numpy.typing as npt
-
 from hil.errors import InputError
+from hil.records.frame import Frame
 
-_HEAD = struct.Struct("<4sIIIddQ")
 _SILENT_S = 10.0  # the state comes several times a second
-
-
-@dataclass(frozen=True)
-class Frame:
-    """Lowest and highest value of each channel (channels, buckets), from bench time `begin_s` on, `step_s` to a bucket
-    whose first has the number `first`; equal where a bucket is one sample, not a number where nothing was recorded.
-    """
-
-    id: int
-    begin_s: float
-    step_s: float
-    first: int
-    low: npt.NDArray[np.float32]
-    high: npt.NDArray[np.float32]
-
-    @property
-    def t_s(self) -> npt.NDArray[np.float64]:
-        """Bench time of each bucket's beginning (buckets,)."""
-        return np.asarray(self.begin_s + self.step_s * np.arange(self.low.shape[1]), np.float64)
-
-    @classmethod
-    def of(cls, data: bytes) -> Self:
-        """A frame as it is sent. Raises InputError where it is none."""
-        if len(data) < _HEAD.size or data[:4] != b"GYT1":
-            raise InputError("the service sent what is no frame; are both of one version?")
-        _, number, channels, buckets, begin, step, first = _HEAD.unpack_from(data)
-        pairs = np.frombuffer(data, "<f4", offset=_HEAD.size).reshape(channels, buckets, 2)
-        return cls(number, begin, step, first, pairs[:, :, 0], pairs[:, :, 1])
 
 
 class Stream:

@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 
 from estimator.observer import Observer
 from hil.bench import Bench
+from hil.bench.classic import CLASSIC
 from hil.codegen.fmu import write_fmu
 from hil.codegen.golden import Golden, golden
 from hil.codegen.sizes import Sizes, sizes
 from hil.codegen.written import INTERFACE, decimal, files_of, filled
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
+from hil.plugins.finding import Kind, called
 from hil.plugins.native import HEADER
 from hil.records.atomic import write_text
 from hil.wire.messages import Identity
@@ -52,6 +54,19 @@ def generate(
         raise InputError(
             f"{place}: [device] axes = {bench.device.axes}: only the estimator of a gyro, axes = 2, is written"
         )
+    if bench.controller.mode in CLASSIC:
+        raise InputError(
+            f'{place}: [controller] mode = "{bench.controller.mode}": the source\'s estimator is written, mode = '
+            '"whole_angle"; the loops of this one are C99 behind gyro_plugin.h, hil/plugins/native/classic'
+        )
+
+    plugins: dict[Kind, str | None] = {"observer": bench.observer.plugin, "controller": bench.controller.plugin}
+    for kind, name in plugins.items():
+        if name is not None:
+            raise InputError(
+                f"{place}: {called(kind, name)}: cannot be generated, only the bench's own estimator; take plugin "
+                "out, or compile the plug-in for the board yourself"
+            )
 
     def made() -> Observer:
         return Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))

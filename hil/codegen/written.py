@@ -9,6 +9,7 @@ from pathlib import Path
 import estimator.core
 from estimator.core.generate.header import generated
 from estimator.effects.declaration import Effect, Source
+from estimator.interface import NAME
 from estimator.observer import Observer
 from hil.codegen.data import Numbers, data
 from hil.codegen.source import Item, chosen, items, macros, reached, struct_of, with_numbers
@@ -29,8 +30,8 @@ _ROOTS = (
 _PUBLIC = {"Memory": "gyro_memory", "Output": "gyro_output", "Push": "gyro_push", "FlowWork": "gyro_flow_work",
            "Workspace": "gyro_workspace", "real": "gyro_real", "whole": "gyro_whole"}  # fmt: skip
 _SHORT = (
-    "Numbers have 32 bits; time, the angle and its sums have 64, and each\n * constant is kept with what its 32 "
-    "bits do not hold: compile without -ffast-math."
+    "Numbers have 32 bits; time, the angle and its sums have 64, and each\n * state and constant is kept with what "
+    "its 32 bits do not hold: compile without -ffast-math."
 )
 _INCLUDE = re.compile(r'^#include "(\w+)\.h"$', re.MULTILINE)
 _OF_ITS_OWN = re.compile(r"    if \(is_own\(effect\)\) \{.*?\n    \}\n", re.DOTALL)
@@ -43,8 +44,9 @@ def require_writable(effects: Sequence[Effect], place: str) -> None:
     """InputError naming the first effect that a board's estimator cannot have."""
     for effect in effects:
         if any(signal.source is Source.TEMPERATURE for signal in effect.signals):
+            where = "device.sense.interface" if effect.name == NAME else f"effects.{effect.name}"
             raise InputError(
-                f"{place}: [effects.{effect.name}] depends on the temperature, which a board's estimator is not given; "
+                f"{place}: [{where}] depends on the temperature, which a board's estimator is not given; "
                 "take it out of the bench file that is generated from"
             )
 

@@ -11,10 +11,10 @@ from hil.errors import InputError
 from hil.library.keywords import takes
 from hil.library.tracing import Trace
 from hil.library.verbs import trace
-from hil.loop.options import LocalRunOptions
 from hil.progress import untold
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+from hil.running.options import LocalRunOptions
 from hil.tracing.options import TraceOptions
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -106,8 +106,8 @@ class BoardUnderTest:
         Raises CannotDo without consent to arm, or for `truth` of a board that is not emulated here; InputError and
         WireError as `hil.run`.
         """
-        from hil.loop.request import request_of
-        from hil.loop.run import run
+        from hil.running.request import request_of
+        from hil.running.run import run
         from hil.scoring.score import score
 
         self._require_consent()

@@ -13,7 +13,7 @@ pytest collects what the class inherits.  The bench's own links, adapters and re
 import math
 import random
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any, ClassVar
@@ -65,7 +65,7 @@ class AdapterConformance:
         adapter = type(self).make()
         assert adapter.title
         assert adapter.channels
-        assert all(column.type == "i4" for column in adapter.channels)
+        assert all(column.type in ("i4", "f4", "f8") for column in adapter.channels)
         assert adapter.baud > 0
         assert adapter.counter_size > 1
         assert adapter.rates_Hz
@@ -111,7 +111,7 @@ class AdapterConformance:
         adapter.feed(b"\xff" * _NOISE)
         assert adapter.feed(self.stream)[-(self.samples - 2) :] == self._whole()[-(self.samples - 2) :]
 
-    def _whole(self) -> list[Sample]:
+    def _whole(self) -> Sequence[Sample]:
         return type(self).make().feed(self.stream)
 
 

@@ -6,8 +6,8 @@ from typing import Unpack
 import hil
 from hil.library.keywords import takes
 from hil.progress import untold
-from hil.sensors.adapter import find_port
 from hil.sensors.options import RecordOptions
+from hil.sensors.port import find_port
 
 
 class SensorUnderTest:

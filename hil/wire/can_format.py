@@ -71,7 +71,6 @@ _ROW_SIZE = {2: 2 * len(COLUMNS), 3: 3 * len(COLUMNS)}
 _SHIFTS = _shifts(CAN.sense)
 _WIDE, _FLAGS_SHIFT = 1 << _SHIFTS["wide"], _SHIFTS["flags"]
 _COUNT_MASK = _WIDE - 1
-_FORM_MASK = (1 << _FLAGS_SHIFT) - 1
 
 
 class CanDecoder:
@@ -82,23 +81,21 @@ class CanDecoder:
         frames: intact frames.
         malformed: frames whose length contradicts their content.
         broken: long messages of which a part is missing.
+        unfinished: type and seq of the message whose parts are being joined, None for none; `joined` are those so far.
     """
 
     __slots__ = (
-        "_drive", "_parts", "_rest", "_row_16", "_row_24", "_types", "_unfinished",
-        "broken", "bytes", "frames", "malformed",
+        "_drive", "_rest", "_row_16", "_row_24", "_types",
+        "broken", "bytes", "frames", "joined", "malformed", "unfinished",
     )  # fmt: skip
 
     def __init__(self, node: int, sender: Sender) -> None:
         self._types = {CAN.identifier(type_, node, sender): type_ for type_ in range(1 << 11 - CAN.type_shift)}
         del self._types[CAN.identifier(_BRIEF, node, sender)]
-        self._row_16, self._row_24, self._drive = (
-            HEAD.pack(CAN.identifier(type_, node, sender), _LEGAL[size], 0)[:5]
-            for type_, size in ((_SENSE, _ROW_16.size), (_SENSE, _ROW_24.size), (_DRIVE, _DRIVE_PART.size))
-        )
+        self._drive = HEAD.pack(CAN.identifier(_DRIVE, node, sender), _LEGAL[_DRIVE_PART.size], 0)[:5]
         self._rest = b""
-        self._unfinished: tuple[int, int] | None = None  # type and seq of the message whose parts are being joined
-        self._parts: list[bytes] = []
+        self.unfinished: tuple[int, int] | None = None
+        self.joined = b""
         self.bytes = 0
         self.frames = 0
         self.malformed = 0
@@ -128,46 +125,16 @@ class CanDecoder:
                     frames.append(frame)
         return frames
 
-    def row(self, data: bytes, seq: int | None) -> tuple[int, int, int, int, int, int] | None:
-        """As `FrameDecoder.row`."""
-        row = self._row(data)
-        if row is None or row[0] != seq:
-            return None
-        self._count(data)
-        return row[1:]
-
-    def _row(self, data: bytes) -> tuple[int, int, int, int, int, int, int] | None:
-        if len(data) != RECORD_SIZE or self._rest or self._unfinished:
-            return None
-        start = data[:5]
-        if start == self._row_16:
-            seq, tick, shape, _, vx, vy, ux, uy = _ROW_16.unpack_from(data, HEAD.size)
-            return (seq, tick, vx, vy, ux, uy, shape >> _FLAGS_SHIFT) if shape & _FORM_MASK == 1 else None
-        if start == self._row_24:
-            seq, tick, shape, _, vx, vx_high, vy, vy_high, ux, ux_high, uy, uy_high = _ROW_24.unpack_from(
-                data, HEAD.size
-            )
-            if shape & _FORM_MASK != 1 | _WIDE:
-                return None
-            return (
-                seq, tick, vx | vx_high << 16, vy | vy_high << 16, ux | ux_high << 16, uy | uy_high << 16,
-                shape >> _FLAGS_SHIFT,
-            )  # fmt: skip
-        return None
-
     def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
         """As `FrameDecoder.drive`."""
-        if len(data) != RECORD_SIZE or self._rest or self._unfinished or data[:5] != self._drive:
+        if len(data) != RECORD_SIZE or self._rest or self.unfinished or data[:5] != self._drive:
             return None
         found, tick, size, part, ux, uy, effective_tick = _DRIVE_PART.unpack_from(data, HEAD.size)
         if found != seq or size != _DRIVE_SIZE or part != 0:
             return None
-        self._count(data)
-        return tick, ux, uy, effective_tick
-
-    def _count(self, data: bytes) -> None:
         self.frames += 1
         self.bytes += len(data)
+        return tick, ux, uy, effective_tick
 
     def _open(self, type_: int, data: bytes, length: int) -> Frame | None:
         """The frame in the data bytes of one CAN frame; None for a part of one, and after counting a bad one."""
@@ -198,27 +165,26 @@ class CanDecoder:
 
     def _join(self, type_: int, seq: int, tick: int, part: int, payload: bytes) -> Frame | None:
         """The whole message, once its last part is there."""
-        if self._unfinished is not None:
-            if self._unfinished == (type_, seq):
-                if part == len(self._parts):
-                    self._parts.append(payload)
+        if self.unfinished is not None:
+            if self.unfinished == (type_, seq):
+                if part * ROOM == len(self.joined):
+                    self.joined += payload
                     return self._joined(type_, seq, tick) if len(payload) < ROOM else None
-                if part < len(self._parts) and (part > 0 or payload == self._parts[0]):  # repeated
+                if part * ROOM < len(self.joined) and (part > 0 or payload == self.joined[:ROOM]):  # repeated
                     return None
             self.broken += 1
-            self._unfinished = None
+            self.unfinished = None
         if part:
             return None  # the rest of a message that was counted, or whose loss the sequence shows
         if len(payload) < ROOM:
             return Frame(type_, seq, tick, payload)
-        self._unfinished, self._parts = (type_, seq), [payload]
+        self.unfinished, self.joined = (type_, seq), payload
         return None
 
     def _joined(self, type_: int, seq: int, tick: int) -> Frame | None:
-        self._unfinished = None
-        payload = b"".join(self._parts)
-        if len(payload) <= SPEC.max_payload:
-            return Frame(type_, seq, tick, payload)
+        self.unfinished = None
+        if len(self.joined) <= SPEC.max_payload:
+            return Frame(type_, seq, tick, self.joined)
         self.malformed += 1
         return None
 
@@ -234,15 +200,14 @@ def _open_safe(body: bytes, flags: int) -> Frame:
 
 
 class CanFormat:
-    """Messages as records for one node of the bus, from the host's or from the board's end."""
+    """Messages as records for one `node` of the bus, from the host's or from the board's end."""
 
     sealed = False
 
     def __init__(self, node: int, sender: Sender) -> None:
-        self._node = node
+        self.node = node
         self._sender = sender
         self._row_16, self._row_24 = (self._start(_SENSE, body.size) for body in (_ROW_16, _ROW_24))
-        self._drive = self._start(_DRIVE, _DRIVE_PART.size)
 
     def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
         """As `FrameFormat.encode`. SENSE takes a number for every frame it needs."""
@@ -278,14 +243,6 @@ class CanFormat:
             raise ProtocolError(f"SENSE: a code of {(vx, vy, ux, uy)} does not fit into {width} bytes") from None
         raise ProtocolError(f"SENSE.width: {width} bytes per code; expected 2 or 3")
 
-    def encode_drive(self, seq: int, tick: int, ux: int, uy: int, effective_tick: int) -> bytes:
-        """As `FrameFormat.encode_drive`."""
-        try:
-            body = _DRIVE_PART.pack(seq, tick & 0xFFFFFFFF, _DRIVE_SIZE, 0, ux, uy, effective_tick & 0xFFFFFFFF)
-        except struct.error:
-            raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
-        return self._drive + body + _DRIVE_PAD
-
     def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
         """As `FrameFormat.cut`: single CAN frames."""
         whole = len(data) // RECORD_SIZE * RECORD_SIZE
@@ -298,7 +255,7 @@ class CanFormat:
 
     def decoder(self) -> CanDecoder:
         """As `FrameFormat.decoder`."""
-        return CanDecoder(self._node, BOARD if self._sender == HOST else HOST)
+        return CanDecoder(self.node, BOARD if self._sender == HOST else HOST)
 
     def _encode_rows(self, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
         count, width, flags, matrix_id = _BLOCK.unpack_from(payload)
@@ -323,9 +280,7 @@ class CanFormat:
         return (self._start(type_, len(body), fd=fd) + body).ljust(RECORD_SIZE, b"\0")
 
     def _start(self, type_: int, size: int, *, fd: bool = True) -> bytes:
-        return HEAD.pack(CAN.identifier(type_, self._node, self._sender), _LEGAL[size], BRS | FDF if fd else 0)
+        return HEAD.pack(CAN.identifier(type_, self.node, self._sender), _LEGAL[size], BRS | FDF if fd else 0)
 
 
-_ROW_16_PAD, _ROW_24_PAD, _DRIVE_PAD = (
-    bytes(RECORD_SIZE - HEAD.size - body.size) for body in (_ROW_16, _ROW_24, _DRIVE_PART)
-)  # fmt: skip
+_ROW_16_PAD, _ROW_24_PAD = (bytes(RECORD_SIZE - HEAD.size - body.size) for body in (_ROW_16, _ROW_24))

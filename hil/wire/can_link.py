@@ -62,11 +62,11 @@ class CanLink(DatagramLink):
             return datagram
         identifier, _ = _HEARD.unpack_from(datagram)
         if identifier & _ERR_FLAG:
-            self._trouble(identifier)
+            self.trouble(identifier)
         return datagram.ljust(RECORD_SIZE, b"\0")
 
-    def _trouble(self, identifier: int) -> None:
-        """An error frame, which the driver made."""
+    def trouble(self, identifier: int) -> None:
+        """An error frame, which the driver made. Raises LinkClosed where the bus is gone."""
         if identifier & _ERR_BUSOFF:
             raise LinkClosed(
                 f"{self.name}: the controller is off the bus; check wiring, termination and bit timing, then "

@@ -1,59 +1,19 @@
 """Codecs of all messages, built from the spec: payload bytes to named tuples and back."""
 
+import re
 import struct
 from collections.abc import Sequence
-from typing import Any
+from enum import Enum
+from typing import Any, get_args
 
+from hil.wire import messages
 from hil.wire.errors import ProtocolError
-from hil.wire.messages import (
-    Arm,
-    Capabilities,
-    ClockMode,
-    DriveBoard,
-    DriveForce,
-    DriveGains,
-    Estimate,
-    EstimatedEntries,
-    EstimateFlags,
-    FieldRead,
-    FieldValue,
-    Hello,
-    Identity,
-    LoopMode,
-    Message,
-    Nack,
-    NackReason,
-    RegisterRead,
-    RegisterValue,
-    RegisterWrite,
-    Safe,
-    SafeReason,
-    SenseFlags,
-    State,
-    Status,
-    TimeSync,
-)
+from hil.wire.messages import FieldValue, Message
 from hil.wire.sense import Sense, decode_sense, encode_sense
 from hil.wire.spec import SPEC, Spec
 
 _CLASSES: dict[str, type[Message]] = {
-    "SAFE": Safe,
-    "ARM": Arm,
-    "DRIVE_FORCE": DriveForce,
-    "DRIVE_GAINS": DriveGains,
-    "DRIVE_BOARD": DriveBoard,
-    "SENSE": Sense,
-    "TIME_SYNC": TimeSync,
-    "STATUS": Status,
-    "NACK": Nack,
-    "HELLO": Hello,
-    "IDENTITY": Identity,
-    "REGISTER_READ": RegisterRead,
-    "REGISTER_WRITE": RegisterWrite,
-    "REGISTER_VALUE": RegisterValue,
-    "FIELD_READ": FieldRead,
-    "FIELD_VALUE": FieldValue,
-    "ESTIMATE": Estimate,
+    re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).upper(): cls for cls in get_args(Message)
 }
 
 
@@ -136,10 +96,12 @@ def check_against(spec: Spec) -> None:
         declared = tuple(field.name for field in spec.messages[name].fields)
         if cls is not Sense and cls._fields != declared:
             raise TypeError(f"{cls.__name__} has fields {cls._fields}; spec.toml gives {name} {declared}")
-    enums = (
-        State, SafeReason, NackReason, ClockMode, LoopMode, SenseFlags, Capabilities, EstimatedEntries, EstimateFlags,
-    )  # fmt: skip
-    ours = {enum.__name__: {name: int(value) for name, value in enum.__members__.items()} for enum in enums}
+    enums: list[type[Enum]] = [
+        found
+        for found in vars(messages).values()
+        if isinstance(found, type) and issubclass(found, Enum) and found.__module__ == messages.__name__
+    ]
+    ours = {enum.__name__: {name: member.value for name, member in enum.__members__.items()} for enum in enums}
     theirs = {name: enum.members for name, enum in spec.enums.items()}
     if ours != theirs:
         different = [name for name in ours.keys() | theirs.keys() if ours.get(name) != theirs.get(name)]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from hil.wire.frame_format import Frame
 from hil.wire.link import Link
-from hil.wire.messages import Message, Nack, TimeSync
+from hil.wire.messages import DriveForce, Message, Nack, RegisterValue, TimeSync
 from hil.wire.sense import Sense, SenseRow
 from hil.wire.stream import Received, Receiver, Transmitter
 
@@ -15,6 +15,7 @@ INBOX = 1024
 
 
 _EXCHANGES = 64  # answers to TIME_SYNC that nobody has taken yet
+_ANSWERS = 64  # of registers, likewise
 
 
 class Exchange(NamedTuple):
@@ -41,12 +42,13 @@ class Endpoint:
         refusals: how often each (type, reason) was refused by NACK, of frames that were sent.
         unsent: NACKs of frames that were not: no such type has had that number.
         forgotten: SENSE blocks that were kept for later and found no room.
-        exchanges: answers to `ask_time` with their times, for whoever asked to take out; the oldest are forgotten.
+        exchanges: answers to `ask_time` with their times, for the caller to take out; the oldest are forgotten.
+        answers: REGISTER_VALUE and NACK with their ticks, likewise.
     """
 
     __slots__ = (
-        "_inbox", "_rows_kept", "exchanges", "forgotten", "link", "received_ns", "refusals", "rx", "sent_ns", "tx",
-        "unsent",
+        "_inbox", "_rows_kept", "answers", "exchanges", "forgotten", "link", "received_ns", "refusals", "rx", "sent_ns",
+        "tx", "unsent",
     )  # fmt: skip
 
     def __init__(self, link: Link) -> None:
@@ -59,6 +61,7 @@ class Endpoint:
         self.refusals: Counter[tuple[int, int]] = Counter()
         self.unsent = 0
         self.forgotten = 0
+        self.answers: deque[Received] = deque(maxlen=_ANSWERS)
         self._inbox: deque[Received] = deque(maxlen=INBOX)
         self._rows_kept = False
 
@@ -72,9 +75,8 @@ class Endpoint:
         self.link.send(self.tx.encode(message, self.rx.tick if tick is None else tick))
 
     def send_drive(self, ux: int, uy: int, effective_tick: int) -> None:
-        """DRIVE_FORCE without detours: drive codes and the tick (any width) from which they act. Raises as
-        `send`."""
-        self.link.send(self.tx.encode_drive(ux, uy, effective_tick, self.rx.tick))
+        """DRIVE_FORCE: drive codes and the tick (any width) from which they act. Raises as `send`."""
+        self.send(DriveForce(ux, uy, effective_tick))
         self.sent_ns = time.monotonic_ns()
 
     def ask_time(self) -> int:
@@ -135,11 +137,7 @@ class Endpoint:
             kept = list(self._inbox)
             self._clear()
             return self._rows(kept)
-        data = self._receive(timeout_s)
-        row = self.rx.take_row(data)
-        if row is not None:
-            return [row]
-        return self._rows(self._feed(data))
+        return self._rows(self._feed(self._receive(timeout_s)))
 
     @property
     def rows_kept(self) -> bool:
@@ -165,6 +163,8 @@ class Endpoint:
                     self.refusals[message.of_type, message.reason] += 1
                 else:
                     self.unsent += 1
+            if isinstance(message, RegisterValue | Nack):
+                self.answers.append(item)
         return items
 
     def _rows(self, items: list[Received]) -> list[SenseRow]:

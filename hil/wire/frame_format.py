@@ -33,13 +33,9 @@ class FrameDecoder(Protocol):
         """The intact frames that `data` completes, in order."""
         ...
 
-    def row(self, data: bytes, seq: int | None) -> tuple[int, int, int, int, int, int] | None:
-        """(tick, vx, vy, ux, uy, flags) if `data` is exactly one SENSE with one row and that sequence number, and
-        nothing is pending; it is counted then. Else None, nothing changes, and `data` is still to be fed."""
-        ...
-
     def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
-        """(tick, ux, uy, effective tick) if `data` is exactly one DRIVE_FORCE with that number; otherwise as `row`."""
+        """(tick, ux, uy, effective tick) if `data` is exactly one DRIVE_FORCE with that sequence number, and nothing is
+        pending; it is counted then. Else None, nothing changes, and `data` is still to be fed."""
         ...
 
 
@@ -62,10 +58,6 @@ class FrameFormat(Protocol):
 
     def encode_row(self, seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
         """SENSE with one row, the short way. Codes must fit `width` (2 or 3) bytes, else ProtocolError."""
-        ...
-
-    def encode_drive(self, seq: int, tick: int, ux: int, uy: int, effective_tick: int) -> bytes:
-        """DRIVE_FORCE, the short way. ProtocolError if a code is beyond 32 bits."""
         ...
 
     def cut(self, data: bytes) -> tuple[list[bytes], bytes]:

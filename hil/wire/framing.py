@@ -131,8 +131,8 @@ class Decoder:
     def peek(self, data: bytes) -> bytes | None:
         """The body if `data` is exactly one intact frame and nothing is pending, else None; changes nothing.
 
-        The short way for a loop that gets one frame at a time: whoever uses the body adds to `frames` and
-        `bytes`, whoever does not gives the same data to `feed`.
+        The short way for a loop that gets one frame at a time: a caller that uses the body adds to `frames`
+        and `bytes`, one that does not gives the same data to `feed`.
         """
         if self.rest or self.skipping or not data or data[0] or data[-1]:
             return None

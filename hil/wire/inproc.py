@@ -18,6 +18,10 @@ class Board(Protocol):
         """Take the host's bytes, return everything the board has to say to them."""
         ...
 
+    # A board may have `memory: tuple[int, int]` as well: addresses of a function and of its first argument, as
+    # `link_t.answer` of hil/running/native/structs.h, which puts down 65,536 bytes at most. The host's turn then calls
+    # it without Python.
+
     def close(self) -> None:
         """Finish its records."""
         ...
@@ -36,6 +40,17 @@ class InprocLink(Link):
     def fileno(self) -> None:
         """There is nothing to wait on."""
         return
+
+    @property
+    def memory(self) -> tuple[int, int] | None:
+        """How C asks the board by itself; None where only Python can. Raises LinkClosed."""
+        if self._board is None:
+            raise LinkClosed("inproc: the link is closed")
+        return getattr(self._board, "memory", None)
+
+    def put_back(self, data: bytes) -> None:
+        """Have this received next: an answer that was fetched and not read."""
+        self._pending = data + self._pending
 
     def send(self, data: bytes) -> None:
         """Give `data` to the board and keep its answer. Raises LinkClosed."""

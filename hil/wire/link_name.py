@@ -1,7 +1,7 @@
 """What the name of a link says, parsed once: one type for each kind, whose `url` is the name that says the same.
 
 Nothing is opened here.  What is not on the list (a scheme, an option, an option twice or in disguise, a control
-character) is refused; whoever opens a link, or decides who may, goes by the type and never by the text.
+character) is refused; code that opens a link, or permits it, goes by the type and never by the text.
 """
 
 import ipaddress
@@ -30,7 +30,8 @@ LONGEST = 4096
 _OPTION = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 _NUMBER = re.compile(r"[0-9]{1,18}")
 _INTERFACE = re.compile(r"[a-z][a-z0-9_-]*")
-_SCHEMES = ("serial", "can", "udp", "inproc", "pty")
+_SCHEMES = ("serial", "can", "udp", "inproc", "pty", "labgrid")
+_PLACE = re.compile(r"[A-Za-z0-9_.+-]{1,100}")
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,18 @@ class Emulated:
 
 
 @dataclass(frozen=True)
+class LabgridPlace:
+    """`labgrid:PLACE`: a place of labgrid, which is acquired for as long as its board is used."""
+
+    place: str
+
+    @property
+    def url(self) -> str:
+        """Its name."""
+        return f"labgrid:{self.place}"
+
+
+@dataclass(frozen=True)
 class Brought:
     """A link of a kind that another package brings, which reads `rest` itself."""
 
@@ -146,7 +159,7 @@ class Brought:
         return f"{self.scheme}:{self.rest}"
 
 
-LinkName = SerialPort | CanInterface | CanAdapter | UdpGroup | Emulated | Brought
+LinkName = SerialPort | CanInterface | CanAdapter | UdpGroup | LabgridPlace | Emulated | Brought
 
 
 def parse_link(text: str) -> LinkName:
@@ -160,6 +173,10 @@ def parse_link(text: str) -> LinkName:
             return _can(text, rest)
         case "udp":
             return _udp(text, rest)
+        case "labgrid" if _PLACE.fullmatch(rest) and not rest.startswith("-"):
+            return LabgridPlace(rest)
+        case "labgrid":
+            raise LinkError(f"link {text!r}: no name of a place; expected labgrid:PLACE, of letters, digits and _.+-")
         case "pty" | "inproc" as kind:
             return _emulated(text, kind, rest)
         case _ if rest and scheme in installed():

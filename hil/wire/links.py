@@ -14,6 +14,7 @@ from hil.wire.link_name import (
     CanAdapter,
     CanInterface,
     Emulated,
+    LabgridPlace,
     LinkName,
     SerialPort,
     UdpGroup,
@@ -53,6 +54,8 @@ def open_link(link: str | LinkName) -> Link:
             raise LinkError(
                 f"link {board.url!r}: starts a board of its own, and none was started; give the link that it serves"
             )
+        case LabgridPlace() as place:
+            raise LinkError(f"link {place.url!r}: has to be acquired first; give it to hil run, or the link behind it")
         case Brought() as brought:
             return _loaded(brought)(brought.rest)
 

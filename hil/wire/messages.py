@@ -79,6 +79,7 @@ class Capabilities(IntFlag):
     PACED = 8
     BOARD_MODE = 16
     ESTIMATE = 32
+    TRIM = 64
 
 
 class EstimatedEntries(IntFlag):
@@ -276,7 +277,26 @@ class Estimate(NamedTuple):
     sd_angle: float
 
 
+class TrimRead(NamedTuple):
+    """Asks what one trim output is, counted from 0."""
+
+    output: int
+
+
+class TrimOutput(NamedTuple):
+    """A trim output of a board with `outputs` of them: its codes, volts per code, the time constant with which the
+    electrode follows, and its name."""
+
+    output: int
+    outputs: int
+    lowest: int
+    highest: int
+    scale_V: float
+    settling_s: float
+    name: str
+
+
 Message = (
     Safe | Arm | DriveForce | DriveGains | DriveBoard | Sense | TimeSync | Status | Nack | Hello | Identity
-    | RegisterRead | RegisterWrite | RegisterValue | FieldRead | FieldValue | Estimate
+    | RegisterRead | RegisterWrite | RegisterValue | FieldRead | FieldValue | Estimate | TrimRead | TrimOutput
 )  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.wire.errors import ProtocolError
-from hil.wire.framing import CRC_SIZE, HEADER
+from hil.wire.framing import HEADER
 from hil.wire.spec import SPEC
 
 Codes = npt.NDArray[np.int32]
@@ -31,8 +31,6 @@ MAX_ROWS = {width: (SPEC.max_payload - _BLOCK.size) // (len(COLUMNS) * width) fo
 # signed byte.
 _ROW_16 = struct.Struct(HEADER.format + _LAYOUT.struct[1:] + "hhhh")
 _ROW_24 = struct.Struct(HEADER.format + _LAYOUT.struct[1:] + "HbHbHbHb")
-_BODY_16 = _ROW_16.size + CRC_SIZE
-_BODY_24 = _ROW_24.size + CRC_SIZE
 
 
 class Sense(NamedTuple):
@@ -115,29 +113,3 @@ def row_body(seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int
     except struct.error:
         raise ProtocolError(f"SENSE: a code of {(vx, vy, ux, uy)} does not fit into {width} bytes") from None
     raise ProtocolError(f"SENSE.width: {width} bytes per code; expected 2 or 3")
-
-
-def split_row_body(body: bytes) -> tuple[int, int, int, int, int, int, int] | None:
-    """(seq, tick, vx, vy, ux, uy, flags) of the body of an intact frame if it is a SENSE with one row, else
-    None."""
-    if body[0] != SENSE:
-        return None
-    if len(body) == _BODY_16:
-        _, seq, tick, count, width, flags, _, vx, vy, ux, uy = _ROW_16.unpack_from(body)
-        return (seq, tick, vx, vy, ux, uy, flags) if count == 1 and width == 2 else None
-    if len(body) == _BODY_24:
-        _, seq, tick, count, width, flags, _, vx, vx_high, vy, vy_high, ux, ux_high, uy, uy_high = _ROW_24.unpack_from(
-            body
-        )
-        if count != 1 or width != 3:
-            return None
-        return (
-            seq,
-            tick,
-            vx | vx_high << 16,
-            vy | vy_high << 16,
-            ux | ux_high << 16,
-            uy | uy_high << 16,
-            flags,
-        )
-    return None

@@ -2,9 +2,8 @@
 
 import struct
 
-from hil.wire.errors import ProtocolError
 from hil.wire.framing import CRC_SIZE, HEADER, Decoder, encode_frame, seal
-from hil.wire.sense import row_body, split_row_body
+from hil.wire.sense import row_body
 from hil.wire.spec import SPEC
 
 _DRIVE = SPEC.messages["DRIVE_FORCE"].type
@@ -13,18 +12,9 @@ _DRIVE_BODY_SIZE = _DRIVE_BODY.size + CRC_SIZE
 
 
 class SerialDecoder(Decoder):
-    """The decoder of the byte stream, with short ways for the two messages of force mode."""
+    """The decoder of the byte stream, with a short way for what a board hears sample by sample."""
 
     __slots__ = ()
-
-    def row(self, data: bytes, seq: int | None) -> tuple[int, int, int, int, int, int] | None:
-        """As `FrameDecoder.row`."""
-        body = self.peek(data)
-        row = None if body is None else split_row_body(body)
-        if row is None or row[0] != seq:
-            return None
-        self._count(data)
-        return row[1:]
 
     def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
         """As `FrameDecoder.drive`."""
@@ -34,12 +24,9 @@ class SerialDecoder(Decoder):
         _, found, tick, ux, uy, effective_tick = _DRIVE_BODY.unpack_from(body)
         if found != seq:
             return None
-        self._count(data)
-        return tick, ux, uy, effective_tick
-
-    def _count(self, data: bytes) -> None:
         self.frames += 1
         self.bytes += len(data)
+        return tick, ux, uy, effective_tick
 
 
 class SerialFormat:
@@ -54,14 +41,6 @@ class SerialFormat:
     def encode_row(self, seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
         """As `FrameFormat.encode_row`."""
         return seal(row_body(seq, tick & 0xFFFFFFFF, vx, vy, ux, uy, flags, width))
-
-    def encode_drive(self, seq: int, tick: int, ux: int, uy: int, effective_tick: int) -> bytes:
-        """As `FrameFormat.encode_drive`."""
-        try:
-            body = _DRIVE_BODY.pack(_DRIVE, seq, tick & 0xFFFFFFFF, ux, uy, effective_tick & 0xFFFFFFFF)
-        except struct.error:
-            raise ProtocolError(f"DRIVE_FORCE: codes {ux}, {uy} do not fit 32 bits") from None
-        return seal(body)
 
     def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
         """As `FrameFormat.cut`."""

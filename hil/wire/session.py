@@ -62,7 +62,7 @@ class Peer:
 
 
 class PlainHost:
-    """The host's end without a key: whoever has the board's address is the board.
+    """The host's end without a key: the holder of the board's address is the board.
 
     Attributes:
         refused: datagrams of others, dropped.

@@ -9,8 +9,7 @@ from typing import NamedTuple
 from hil.wire.codec import KNOWN_TYPES, pack, type_of, unpack
 from hil.wire.errors import ProtocolError
 from hil.wire.frame_format import Frame, FrameFormat
-from hil.wire.messages import DriveForce, Hello, Identity, Message, Nack, NackReason, Safe, SafeReason
-from hil.wire.sense import SenseRow
+from hil.wire.messages import Hello, Identity, Message, Nack, NackReason, Safe, SafeReason
 from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
 
@@ -24,7 +23,7 @@ REPEAT_RUN = 4
 """So many frames in a row that look like repetitions, each following the one before, are none: the number ahead of them
 was a stray one, and the count goes on from theirs."""
 
-_SAFE, _DRIVE = type_of(Safe), type_of(DriveForce)
+_SAFE = type_of(Safe)
 _SAFE_SIZE = 1
 _SAFE_OTHERWISE = bytes([SafeReason.HOST_REQUEST])
 
@@ -77,13 +76,6 @@ class Transmitter:
     def encode_row(self, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
         """SENSE with one row, the short way. Codes must fit `width` (2 or 3) bytes, else ProtocolError."""
         data = self._format.encode_row(self.seq, tick, vx, vy, ux, uy, flags, width)
-        self.seq = (self.seq + 1) & 0xFFFF
-        return data
-
-    def encode_drive(self, ux: int, uy: int, effective_tick: int, tick: int) -> bytes:
-        """DRIVE_FORCE, the short way; ticks of any width. ProtocolError if a code is beyond 32 bits."""
-        data = self._format.encode_drive(self.seq, tick, ux, uy, effective_tick)
-        self.types[self.seq] = _DRIVE
         self.seq = (self.seq + 1) & 0xFFFF
         return data
 
@@ -174,16 +166,6 @@ class Receiver:
                 self.tick = unwrap(frame.tick, before)
                 yield frame._replace(tick=self.tick), before
 
-    def take_row(self, data: bytes) -> SenseRow | None:
-        """The sample if `data` is exactly one SENSE with one row, next in sequence; otherwise None, nothing
-        is counted, and `data` still has to be fed."""
-        row = self.decoder.row(data, self.expected)
-        if row is None:
-            return None
-        low, vx, vy, ux, uy, flags = row
-        self._follow(low)
-        return self.tick, vx, vy, ux, uy, flags
-
     def take_drive(self, data: bytes) -> tuple[int, int, int] | None:
         """(ux, uy, effective tick, low 32 bits) if `data` is exactly one DRIVE_FORCE, next in sequence;
         otherwise None, nothing is counted, and `data` still has to be fed."""
@@ -191,15 +173,11 @@ class Receiver:
         if drive is None:
             return None
         low, ux, uy, effective = drive
-        self._follow(low)
-        return ux, uy, effective
-
-    def _follow(self, low: int) -> None:
-        """After the frame that was expected."""
         assert self.expected is not None  # or none would have been taken
         self.expected = (self.expected + 1) & 0xFFFF
         self.run = 0
         self.tick = unwrap(low, self.tick)
+        return ux, uy, effective
 
     def _follows(self, seq: int) -> bool:
         """Account for a sequence number; False if the frame has been here before."""

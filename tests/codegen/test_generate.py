@@ -16,6 +16,7 @@ from hil.codegen.golden import golden
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
+from tests.running.test_interfaces import BOARDS
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STRICT = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wdouble-promotion"]
@@ -42,6 +43,11 @@ BENCHES: dict[str, dict[str, dict[str, Any]]] = {
         "parameters": {"gap": {"unit": "m", "value": 1e-4}, "width": {"unit": "m", "value": 1e-5}},
     }}}},
 }  # fmt: skip
+BENCHES |= {
+    kind: {"device": {"sense": {**sense, "interface": {"kind": kind, **keys}}}}
+    for kind, (_, sense, keys) in BOARDS.items()
+    if kind in ("gap_closing", "optical", "tunnelling")
+}
 
 
 def compiled(folder: Path, *options: str) -> subprocess.CompletedProcess[str]:

@@ -5,11 +5,12 @@ import time
 
 import pytest
 
+from hil.testing.board_rules.conformance import Board, Conformance, samples, set_running, status_of
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError
 from tests.forked import Forked
-from tests.wire.conformance import Board, Conformance, emulated, samples, set_running, status_of, tripped
+from tests.wire.served import emulated, tripped
 
 pytestmark = pytest.mark.slow  # an interface, which `make quick` does not set up
 

@@ -17,12 +17,12 @@ import numpy as np
 import pytest
 
 from hil.cli import execute
-from hil.loop import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
+from hil.running import supervision  # noqa: F401 - loaded, so that its process is a fork
+from hil.testing.board_rules.served import Board
 from hil.wire.spec import SPEC
 from tests.forked import Forked
-from tests.wire.served import Board
 
 # An interface, which `make quick` does not set up; and a page takes long in the machine that has one.
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]

@@ -1,55 +1,14 @@
-"""A board that is served somewhere, the host's end of its link, and what a host does with it in tests."""
+"""The emulated board, served on a link."""
 
 import subprocess
 import sys
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
-from hil.wire import client
-from hil.wire.endpoint import Endpoint
-from hil.wire.link import Link
-from hil.wire.links import open_link
-from hil.wire.messages import Capabilities, ClockMode, Identity, Message, SafeReason, State, Status
-from hil.wire.sense import SenseRow
-from hil.wire.spec import SPEC, Register
+from hil.testing.board_rules.served import PATIENCE_S, QUIET_S, Board, Cable, leave
 from tests.emulator.gyro import EXAMPLES
 
-PATIENCE_S = 5.0
-QUIET_S = 0.3
-"""Long enough for an answer that must not come."""
-
-
-class Board:
-    """A board to be spoken to at `url`: a process that said `ready URL`, or one that is simply there.
-
-    `start` makes the process, as `subprocess.Popen` does.
-    """
-
-    def __init__(
-        self, command: list[str] | None = None, url: str = "", start: type[subprocess.Popen[str]] = subprocess.Popen
-    ) -> None:
-        self.url = url
-        self.process: subprocess.Popen[str] | None = None
-        if command is not None:
-            self.process = start(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-            assert self.process.stdout is not None
-            line = self.process.stdout.readline().strip()
-            ready, _, self.url = line.partition(" ")
-            assert ready == "ready", f"expected a line 'ready LINK', got {line!r} {self.end()}"
-
-    def open(self) -> Link:
-        """The host's end."""
-        return open_link(self.url)
-
-    def end(self) -> str:
-        """Kill the process; what it wrote to standard error."""
-        if self.process is None:
-            return ""
-        self.process.kill()
-        return self.process.communicate()[1]
-
+__all__ = ["PATIENCE_S", "QUIET_S", "Board", "Cable", "emulated", "leave", "tripped"]
 
 SLOWLY = ("sample_rate_Hz = 4000", "sample_rate_Hz = 500")
 """On wall time both ends may have to share one processor, with links that take a millisecond a frame."""
@@ -64,104 +23,6 @@ def emulated(link: str, faults: str = "", start: type[subprocess.Popen[str]] = s
         scenario.write_text(f"{text.replace(*SLOWLY)}\n{faults}", encoding="utf-8")
         command = [sys.executable, "-W", "error", "-m", "device_emulator", str(scenario), "--link", link]
         return Board(command, start=start)
-
-
-class Cable(Link):
-    """A link whose frames a test can tamper with on the way: `outgoing` and `incoming` take frames, return frames."""
-
-    def __init__(self, link: Link) -> None:
-        self._link = link
-        self.name, self.format, self.advice = link.name, link.format, link.advice
-        self.outgoing: Callable[[list[bytes]], list[bytes]] = list
-        self.incoming: Callable[[list[bytes]], list[bytes]] = list
-        self._part = b""
-
-    def fileno(self) -> int | None:
-        return self._link.fileno()
-
-    def send(self, data: bytes) -> None:
-        for frame in self.outgoing(self.format.cut(data)[0]):
-            self._link.send(frame)
-
-    def receive(self, timeout_s: float | None) -> bytes:
-        frames, self._part = self.format.cut(self._part + self._link.receive(timeout_s))
-        return b"".join(self.incoming(frames))
-
-    def close(self) -> None:
-        self._link.close()
-
-
-def answers(host: Endpoint, count: int, wait_s: float = PATIENCE_S) -> list[Message]:
-    """The next `count` messages beside samples, or what came within the time."""
-    found: list[Message] = []
-    until = time.monotonic() + wait_s
-    while len(found) < count and time.monotonic() < until:
-        found += [item.message for item in host.poll(0.02) if not hasattr(item.message, "codes")]
-    return found
-
-
-def status_of(host: Endpoint) -> Status:
-    """The board's counters, by way of SAFE for the reason that does not latch: a board in SAFE it leaves as it is."""
-    return client.make_safe(host, SafeReason.LINK_LOST, PATIENCE_S)
-
-
-def registers_of(host: Endpoint) -> dict[str, Register]:
-    """The registers that the board has: all but those of optional parts that it does not name."""
-    able = Capabilities(client.connect(host, PATIENCE_S).capabilities)
-    return {
-        name: register
-        for name, register in SPEC.registers.items()
-        if not register.optional or Capabilities[register.optional] in able
-    }
-
-
-def leave(host: Endpoint) -> None:
-    """Part with a board so that it is there for the next host: one in lockstep may end with this one."""
-    status_of(host)
-    if Capabilities.PACED in Capabilities(client.connect(host, PATIENCE_S).capabilities):
-        client.write_register(host, "CLOCK_MODE", ClockMode.PACED, PATIENCE_S)
-
-
-def samples(host: Endpoint) -> list[SenseRow]:
-    """The next samples, however many."""
-    until = time.monotonic() + PATIENCE_S
-    while not (rows := host.receive_rows(0.5)):
-        assert time.monotonic() < until, "no sample came"
-    return rows
-
-
-def drive(host: Endpoint, identity: Identity, rows: int) -> None:
-    """Answer so many samples with drives that differ, and check that each comes back where it acted."""
-    sent: dict[int, tuple[int, int]] = {}
-    seen = 0
-    expected: int | None = None
-    checked = 0
-    while seen < rows:
-        for tick, _, _, ux, uy, _ in samples(host):
-            assert expected in (None, tick), "a sample out of order"
-            expected = tick + 1
-            seen += 1
-            if tick - 1 in sent:
-                assert (ux, uy) == sent.pop(tick - 1)
-                checked += 1
-            codes = seen % 13 - 6, 5 - seen % 11
-            host.send_drive(*codes, tick + identity.latency_ticks)
-            sent[tick + identity.latency_ticks] = codes
-    assert checked >= rows - identity.latency_ticks - 2
-
-
-def set_running(host: Endpoint) -> int:
-    """Drive an armed board until it says RUNNING; the tick of the newest sample. How far ahead a drive must point
-    depends on how old samples are when they arrive, how far it may, on the board; a busy machine misses some."""
-    for ahead in (1, 2, 4, 8, 16, 32, 64, 128, 256, 512) * 5:
-        tick = samples(host)[-1][0]
-        while rows := host.receive_rows(0.0):  # what had piled up
-            tick = rows[-1][0]
-        host.send_drive(1, 1, tick + ahead)
-        heard = [item.message for item in host.poll(0.02)]
-        if any(isinstance(message, Status) and message.state == State.RUNNING for message in heard):
-            return tick
-    raise AssertionError("no drive made the board run")
 
 
 def tripped(first_s: float, duration_s: float) -> str:

@@ -1,6 +1,5 @@
 """What a link makes of a python-can adapter, with a bus of its own: how it is opened, sent to, read and given back."""
 
-import socket
 import threading
 import time
 from collections.abc import Iterator
@@ -14,7 +13,7 @@ from hil.wire.can_adapter import AdapterLink, message_of, open_adapter, open_bus
 from hil.wire.can_format import CanFormat
 from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
-from hil.wire.frame_format import BOARD, HOST
+from hil.wire.frame_format import HOST
 from hil.wire.link_name import CanAdapter
 from hil.wire.messages import Arm, Hello
 from hil.wire.stream import Transmitter
@@ -73,15 +72,6 @@ def link(bus: Bus) -> Iterator[AdapterLink]:
     found.close()
 
 
-def test_a_link_before_anything_came(link: AdapterLink) -> None:
-    name = f"{NAME}&bitrate=500000"
-    assert (link.name, link.url, link.arrived_ns, link.drop_when_full) == (name, name, 0, False)
-    assert link.advice == "is the board on, is it node 2, and is the bit timing right?"
-    assert link.fileno() >= 0
-    assert link.receive(0.0) == b""
-    assert Transmitter(link.format).encode(Hello(1, 2), 0) == HELLO
-
-
 @pytest.mark.parametrize(
     ("interface", "kind"), [("pcan", {"fd": True}), ("virtual", {"protocol": can.CanProtocol.CAN_FD})]
 )
@@ -110,36 +100,6 @@ def test_a_bus_that_cannot_be_opened_is_one_line(monkeypatch: pytest.MonkeyPatch
         assert str(told.value) == f"{NAME}: {said}; is its driver installed, the adapter plugged in?"
 
 
-def test_a_host_elsewhere_is_noticed_by_its_identifier(bus: Bus) -> None:
-    for other in (CanFormat(3, HOST), CanFormat(2, BOARD)):
-        bus.arrives = [message_of(Transmitter(other).encode(Hello(1, 2), 0))]
-        open_adapter(CanAdapter("pcan", "a", 2), HOST).close()
-    bus.shutdowns = 0
-    for frame in (HELLO, ARM):  # of any type
-        bus.arrives = [message_of(Transmitter(CanFormat(3, HOST)).encode(Arm(), 0)), message_of(frame)]
-        with pytest.raises(LinkError, match="another host on this bus is using node 2; end it there"):
-            open_adapter(CanAdapter("pcan", "a", 2), HOST)
-    assert bus.shutdowns == 2
-    bus.arrives = [message_of(HELLO)]
-    open_adapter(CanAdapter("pcan", "a", 2), BOARD).close()  # a board does not mind
-    begin = time.monotonic()
-    open_adapter(CanAdapter("pcan", "a", 2), HOST).close()
-    assert time.monotonic() - begin >= 0.03
-
-
-def test_a_host_listens_for_a_twentieth_of_a_second() -> None:
-    assert can_adapter.LISTEN_S == 0.05
-
-
-def test_a_second_host_or_board_is_refused(link: AdapterLink) -> None:
-    with pytest.raises(LinkError, match="another host on this machine has this link; end it there"):
-        open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), HOST)
-    board = open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), BOARD)
-    with pytest.raises(LinkError, match=r"another board serves node 2 here; .* \?node=3"):
-        open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), BOARD)
-    board.close()
-
-
 @pytest.mark.parametrize(("drop", "wait_s"), [(False, 1.0), (True, None)])
 def test_each_record_is_sent_and_waited_for_unless_the_board_cannot_wait(
     link: AdapterLink, bus: Bus, drop: bool, wait_s: float | None
@@ -161,29 +121,6 @@ def test_what_arrives_is_read_in_order_and_error_frames_are_passed_over(link: Ad
     assert time.monotonic() - begin >= 0.03
 
 
-def test_several_are_taken_at_once(link: AdapterLink, bus: Bus) -> None:
-    bus.arrives = [message_of(HELLO) for _ in range(5)]
-    while bus.arrives:
-        time.sleep(0.001)
-    asked = len(bus.waits)
-    while len(bus.waits) <= asked:  # once it is asked again, the fifth has been passed on
-        time.sleep(0.001)
-    assert link.receive(1.0) == 5 * HELLO
-
-
-def test_an_adapter_that_fails_gives_what_came_first(link: AdapterLink, bus: Bus) -> None:
-    bus.arrives = [message_of(HELLO)]
-    assert link.receive(5.0) == HELLO
-    bus.fails = can.CanOperationError("cable pulled.\nout of its socket")
-    for _ in range(2):
-        with pytest.raises(LinkClosed, match=r": cable pulled$"):
-            link.receive(5.0)
-    with pytest.raises(LinkClosed, match=r": cable pulled$"):
-        link.send(HELLO)
-    with pytest.raises(LinkError, match=r": cable pulled; see to the adapter and start again"):
-        link.await_host()
-
-
 def test_closed_it_gives_adapter_and_name_back_once(bus: Bus) -> None:
     link = open_adapter(CanAdapter("pcan", "PCAN_USBBUS1", 2), HOST)
     link.close()
@@ -194,19 +131,6 @@ def test_closed_it_gives_adapter_and_name_back_once(bus: Bus) -> None:
         with pytest.raises(LinkClosed, match="the link is closed"):
             attempt()
     Claim("can/pcan:PCAN_USBBUS1/2/0", NAME, "end it").release()
-
-
-def test_much_may_wait_between_the_thread_and_the_link(link: AdapterLink) -> None:
-    """A megabyte asked for, which the kernel doubles or cuts to what it allows."""
-    kernel = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    kernel[0].setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-    kernel[1].setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, 1 << 20)
-    for ours, theirs, option in (
-        (link._records, kernel[0], socket.SO_RCVBUF),
-        (link._source, kernel[1], socket.SO_SNDBUF),
-    ):
-        assert ours.getsockopt(socket.SOL_SOCKET, option) == theirs.getsockopt(socket.SOL_SOCKET, option)
-        theirs.close()
 
 
 @pytest.mark.parametrize("kind", ["is_extended_id", "is_remote_frame"])

@@ -4,17 +4,18 @@ import os
 
 import pytest
 
+from hil.testing.board_rules.conformance import Board, Conformance
+from hil.testing.board_rules.rules import Rules
+from hil.testing.board_rules.served import leave
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import open_inproc
 from hil.wire.key_file import make_key
 from hil.wire.link_name import Emulated
 from tests.emulator.gyro import EXAMPLES
-from tests.loop import gyro
+from tests.running import gyro
+from tests.wire.served import emulated, tripped
 
-from .conformance import Board, Conformance, emulated, tripped
 from .multicast import group
-from .rules import Rules
-from .served import leave
 
 pytestmark = pytest.mark.slow  # whole processes
 

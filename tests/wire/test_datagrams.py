@@ -45,64 +45,6 @@ def ends() -> Iterator[tuple[Paired, socket.socket]]:
     theirs.close()
 
 
-def test_nothing_is_dropped_or_stamped_before_anything_came(ends: tuple[Paired, socket.socket]) -> None:
-    link, _ = ends
-    assert (link.name, link.url, link.advice, link.format) == ("pair:1", "pair:1", "is it on?", SERIAL)
-    assert (link.arrived_ns, link.drop_when_full, link.dropped_bytes) == (0, False, 0)
-    assert link.fileno() >= 0
-
-
-def test_every_frame_goes_in_a_datagram_of_its_own(ends: tuple[Paired, socket.socket]) -> None:
-    link, peer = ends
-    assert link.offer(b"aaaaabbbbb") == 10
-    assert [peer.recv(100), peer.recv(100)] == [b"aaaaa", b"bbbbb"]
-
-
-def test_what_has_come_is_joined_256_datagrams_at_most(ends: tuple[Paired, socket.socket]) -> None:
-    link, peer = ends
-    peer.setblocking(False)
-    sent = 0
-    got: list[int] = []
-    for _ in range(700):
-        if sent == 700 and sum(got) == 3500:
-            break
-        while sent < 700:
-            try:
-                peer.send(b"%05d" % sent)
-            except BlockingIOError:
-                break
-            sent += 1
-        got.append(len(link.receive(1.0)))
-    assert sum(got) == 3500
-    assert max(got) <= 5 * 256
-    assert link.receive(0.0) == b""
-
-
-def test_at_most_256_are_taken_at_a_time(ends: tuple[Paired, socket.socket], monkeypatch: pytest.MonkeyPatch) -> None:
-    class Endless:
-        """A socket on which more is always there."""
-
-        def __init__(self) -> None:
-            self.taken = 0
-
-        def fileno(self) -> int:
-            return 0
-
-        def recvmsg(self, size: int, ancillary: int) -> tuple[bytes, list[object], int, None]:
-            assert size == 65536  # of which a datagram has one byte less at most
-            assert ancillary == socket.CMSG_SPACE(16)
-            self.taken += 1
-            return b"abcde", [], 0, None
-
-    endless = Endless()
-    link, _ = ends
-    wire = link._wire
-    monkeypatch.setattr(link, "_wire", endless)
-    assert link.receive(0.0) == b"abcde" * 256
-    assert endless.taken == 256
-    monkeypatch.setattr(link, "_wire", wire)
-
-
 def test_full_queues_are_waited_for(ends: tuple[Paired, socket.socket]) -> None:
     link, peer = ends
     fits = link.offer(b"abcde" * 5000)
@@ -133,12 +75,6 @@ def test_or_what_finds_no_room_is_lost_and_counted(ends: tuple[Paired, socket.so
     assert link.dropped_bytes == 35
     link.send(b"12345")
     assert link.dropped_bytes == 40
-
-
-@pytest.mark.parametrize("number", [errno.ENOBUFS, errno.EAGAIN])
-def test_a_full_interface_is_no_fault(ends: tuple[Paired, socket.socket], number: int) -> None:
-    ends[0].fails = OSError(number, "full")
-    assert ends[0].offer(b"abcde") == 0
 
 
 @pytest.mark.parametrize(
@@ -221,11 +157,3 @@ def test_what_the_last_host_left_is_dropped_for_the_next(ends: tuple[Paired, soc
     assert link.fileno() == -1
     with pytest.raises(LinkClosed, match="the link is closed"):
         link.receive(0.0)
-
-
-def test_closing_gives_the_name_back(ends: tuple[Paired, socket.socket]) -> None:
-    link, _ = ends
-    name = f"test-datagrams-{os.getpid()}-{link.fileno()}"
-    link.close()
-    link.close()
-    Claim(name, "pair", "end the other").release()

@@ -15,26 +15,6 @@ from hil.wire.key_file import as_c, make_key, read_key
 KEY = bytes(range(32))
 
 
-def test_a_file_is_made_anew_closed_to_others_and_to_programs_that_are_started(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    asked: list[tuple[Any, ...]] = []
-    plain = os.open
-
-    def noted(*how: Any) -> int:
-        asked.append(how[1:])
-        return plain(*how)
-
-    monkeypatch.setattr(os, "open", noted)
-    made = make_key(tmp_path / "a.key")
-    assert read_key(tmp_path / "a.key") == made
-    assert len(made) == 32
-    assert asked == [
-        (os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600),
-        (os.O_RDONLY | os.O_CLOEXEC | os.O_NONBLOCK,),
-    ]
-
-
 @pytest.mark.parametrize("mask", [0o000, 0o277])
 def test_whatever_the_umask_its_owner_may_read_and_write_it(tmp_path: Path, mask: int) -> None:
     before = os.umask(mask)
@@ -82,38 +62,6 @@ def test_anything_more_or_less_is_no_key(tmp_path: Path, text: str) -> None:
         read_key(written(tmp_path / "a.key", text))
 
 
-def test_a_file_of_any_length_is_looked_at_in_part(tmp_path: Path) -> None:
-    """A device or a disk image by mistake costs no memory: 1 KiB is read."""
-    taken: list[int] = []
-
-    class Counted:
-        def __init__(self, fd: int, mode: str) -> None:
-            self.fd = fd
-
-        def __enter__(self) -> "Counted":
-            return self
-
-        def __exit__(self, *_: object) -> None:
-            os.close(self.fd)
-
-        def read(self, size: int) -> bytes:
-            taken.append(size)
-            return os.read(self.fd, size)
-
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(key_file.os, "fdopen", Counted)
-        with pytest.raises(LinkError, match="expected one line"):
-            read_key(written(tmp_path / "a.key", "a" * 5000))
-    assert taken == [1024]
-
-
-@pytest.mark.parametrize("mode", [0o610, 0o601, 0o607, 0o670])
-def test_others_may_do_nothing_with_it(tmp_path: Path, mode: int) -> None:
-    path = written(tmp_path / "a.key", f"gyrohil-key-1 {KEY.hex()}\n", mode)
-    with pytest.raises(LinkError, match=rf"others may use it \(mode {mode:04o}\); chmod 600 {path}, or a new key"):
-        read_key(path)
-
-
 class Owned:
     """The module `os`, but for whose a file is."""
 
@@ -145,17 +93,6 @@ def test_a_pipe_is_no_file_and_not_waited_for(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe", 0o600)
     with pytest.raises(LinkError, match="not a file; make one with `hil key FILE`"):
         read_key(tmp_path / "pipe")
-
-
-def test_what_cannot_be_opened_is_told_as_the_system_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: Any) -> int:
-        raise PermissionError(errno.EACCES, "Permission denied")
-
-    monkeypatch.setattr(os, "open", refuse)
-    with pytest.raises(LinkError, match="a: Permission denied; name a key file of your own"):
-        read_key(tmp_path / "a")
-    with pytest.raises(LinkError, match="a: Permission denied; give another name"):
-        make_key(tmp_path / "a")
 
 
 def test_a_key_in_c_is_four_rows_of_eight_bytes() -> None:

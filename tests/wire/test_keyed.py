@@ -4,7 +4,6 @@ import errno
 import hashlib
 import itertools
 import socket
-import subprocess
 import sys
 import time
 from collections.abc import Iterator
@@ -13,14 +12,15 @@ from pathlib import Path
 import pytest
 
 from benchmarks import attack
+from hil import cli
+from hil.testing.board_rules.conformance import PATIENCE_S, Board
 from hil.wire import client, keyed, udp_link
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError
 from hil.wire.framing import encode_frame
-from hil.wire.generate.keyed_page import BOARD_NONCE, HOST_NONCE, SECRET, example
 from hil.wire.key_file import make_key, read_key
-from hil.wire.keyed import LAST_COUNTER, Incoming, KeyedBoard, KeyedHost, Outgoing
+from hil.wire.keyed import LAST_COUNTER, Incoming, Outgoing
 from hil.wire.links import open_board_link, open_link
 from hil.wire.messages import (
     Arm,
@@ -38,9 +38,10 @@ from hil.wire.messages import (
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 from hil.wire.stream import Receiver, Transmitter
+from tests.wire.served import emulated
+from tools.keyed_example import BOARD_NONCE, HOST_NONCE, SECRET, example
 
 from .attacker import LOOPBACK, InTheWay, attacking_socket, drained
-from .conformance import PATIENCE_S, Board, emulated
 
 GROUP = "239.255.42.70"
 LIMIT = SPEC.registers["DRIVE_LIMIT"].id
@@ -232,144 +233,25 @@ def test_nothing_recorded_does_anything_again(place, key):
 
 
 @pytest.mark.slow
-def test_what_was_overtaken_is_lost(place):
-    host = place.host()
-    client.connect(host, PATIENCE_S)
-    client.write_register(host, "DRIVE_LIMIT", 1000, PATIENCE_S)
-    held: list[bytes] = []
-    place.way.to_board = lambda datagram: held.append(datagram) or []
-    host.send(RegisterWrite(LIMIT, 7.0))
-    host.send(RegisterWrite(LIMIT, 8.0))
-    until = time.monotonic() + PATIENCE_S
-    while len(held) < 2 and time.monotonic() < until:
-        time.sleep(0.01)
-    first, second = held
-    place.way.to_board = lambda datagram: [datagram]
-    place.way.inject(second)
-    time.sleep(0.1)
-    place.way.inject(first)
-    assert client.read_register(host, "DRIVE_LIMIT", PATIENCE_S) == 8.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("message", [Arm(), RegisterWrite(LIMIT, 5.0)], ids=["ARM", "REGISTER_WRITE"])
-def test_no_bit_and_no_length_but_the_right_one(place, message):
-    """Of a datagram that the board has not seen; at last it comes itself, and acts."""
-    host = place.host()
-    client.connect(host, PATIENCE_S)
-    before = status_of(host)
-    held: list[bytes] = []
-    place.way.to_board = lambda datagram: held.append(datagram) or []
-    host.send(message)
-    until = time.monotonic() + PATIENCE_S
-    while not held and time.monotonic() < until:
-        time.sleep(0.01)
-    good = held[0]
-    damaged = [good[:size] for size in range(len(good))] + [good + bytes(n) for n in (1, 2, 16)]
-    for bit in range(8 * len(good)):
-        flipped = bytearray(good)
-        flipped[bit >> 3] ^= 1 << (bit & 7)
-        damaged.append(bytes(flipped))
-    assert place.attack(damaged) == []
-    place.way.to_board = lambda datagram: [datagram]
-    answered = len(place.way.from_board)
-    place.way.inject(good)
-    time.sleep(0.2)
-    assert len(place.way.from_board) > answered
-    after = status_of(host)
-    assert after == before._replace(tick=after.tick)
-
-
-@pytest.mark.beyond(2)
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ATTACKS)
-def test_nothing_without_a_key_is_heard(place, name):
+def test_nothing_without_a_key_is_heard(place):
     """SAFE neither (rule 13): before a session, in one, and in one that streams."""
-    assert place.attack([plain(ATTACKS[name])]) == []
+    assert place.attack([plain(message) for message in ATTACKS.values()]) == []
     host = place.host()
     client.connect(host, PATIENCE_S)
     before = status_of(host)
-    assert place.attack([plain(ATTACKS[name], host.tx.seq + k) for k in range(5)]) == []
+
+    def attacked() -> list[bytes]:
+        return place.attack([plain(message, host.tx.seq + k) for message in ATTACKS.values() for k in range(5)])
+
+    assert attacked() == []
     client.connect(host, PATIENCE_S)  # or the stop of `status_of` latches
     client.write_register(host, "CLOCK_MODE", ClockMode.LOCKSTEP, PATIENCE_S)
     client.arm(host, PATIENCE_S)
     host.poll(0.3)
-    assert place.attack([plain(ATTACKS[name], host.tx.seq + k) for k in range(5)]) == []
+    assert attacked() == []
     assert client.request(host, Arm(), Status, PATIENCE_S).state == State.ARMED  # only the host stops it
     after = status_of(host)
     assert (after.lost_seq, after.bad_frames) == (before.lost_seq, before.bad_frames)
-
-
-@pytest.mark.slow
-def test_the_host_believes_nobody_but_the_board(place):
-    """A stop that is confirmed by a recorded STATUS would be the worst of lies."""
-    host = place.host()
-    run_a_little(host)
-    earlier = list(place.way.from_board)
-    client.connect(host, PATIENCE_S)
-    status_of(host)
-    this = list(place.way.from_board)[len(earlier) :]
-    place.way.to_host = lambda datagram: []
-    forged = [plain(Status(State.SAFE, 1, 0, 0, 0, 0, 0, 0, 0, 0)), b"\xc4" + bytes(40), b"", *place.way.from_host]
-    flipped = [bytes((*d[:12], d[12] ^ 1, *d[13:])) for d in this if len(d) > 20]
-    dropped = host.link.strangers
-    for datagram in (*earlier, *this, *forged, *flipped):
-        place.way.inject_to_host(datagram)
-    assert host.poll(0.5) == []
-    with pytest.raises(LinkError, match="no answer to SAFE"):
-        client.make_safe(host, SafeReason.HOST_REQUEST, 0.5)
-    assert host.link.strangers > dropped + len(earlier)
-
-
-@pytest.mark.slow
-def test_a_host_does_not_answer_a_forged_challenge(place):
-    """Nor one to another call: or a session could be begun with a nonce of the attacker's choice."""
-    host = place.host()
-    client.connect(host, PATIENCE_S)
-    old = [datagram for datagram in place.way.from_board if datagram[0] == 0xC2]
-    place.way.to_board = lambda datagram: []
-    sent = len(place.way.from_host)
-    host.send(Hello(SPEC.protocol, SPEC.hash))
-    time.sleep(0.1)
-    call = place.way.from_host[-1]
-    assert call[0] == 0xC1
-    assert all(call[1:17] != challenge[1:17] for challenge in old)  # a nonce of its own each time
-    for datagram in (*old, b"\xc2" + call[1:17] + bytes(17 + 16), b"\xc2", call):
-        place.way.inject_to_host(datagram)
-    assert host.poll(0.3) == []
-    assert [datagram[0] for datagram in place.way.from_host[sent:]] == [0xC1]
-
-
-@pytest.mark.slow
-@pytest.mark.realtime
-def test_a_second_holder_of_the_key_waits_and_is_told(place, key):
-    host = place.host()
-    client.connect(host, PATIENCE_S)
-    client.write_register(host, "CLOCK_MODE", ClockMode.LOCKSTEP, PATIENCE_S)
-    client.arm(host, PATIENCE_S)
-    second = KeyedHost(read_key(key))
-    with attacking_socket() as wire:
-        for _ in range(3):
-            call = second.seal(plain(Hello(SPEC.protocol, SPEC.hash)))
-            assert call is not None
-            wire.sendto(call, (GROUP, place.port))
-            (challenge,) = drained(wire)
-            assert second.heard(challenge).reply == b""
-            assert second.busy
-            assert client.request(host, Arm(), Status, PATIENCE_S).state == State.ARMED
-        time.sleep(1.1)  # the first host is silent: the board is the second one's, and stops
-        wire.sendto(second.seal(plain(Hello(SPEC.protocol, SPEC.hash))) or b"", (GROUP, place.port))
-        opening = second.heard(wire.recv(200)).reply
-        assert not second.busy
-        wire.sendto(opening, (GROUP, place.port))
-        (identity,) = Receiver().feed(second.heard(wire.recv(200)).frame or b"")
-        assert isinstance(identity.message, Identity)
-        wire.sendto(second.seal(plain(Safe(1), 4)) or b"", (GROUP, place.port))
-        (status,) = Receiver().feed(second.heard(wire.recv(200)).frame or b"")
-        assert isinstance(status.message, Status)
-        assert status.message.reason in (SafeReason.LINK_LOST, SafeReason.HOST_REQUEST)
-    with pytest.raises(LinkError, match="no answer to SAFE"):
-        client.make_safe(host, SafeReason.HOST_REQUEST, 0.5)
 
 
 @pytest.mark.slow
@@ -410,18 +292,6 @@ def test_the_counter_ends_and_does_not_wrap():
     for late in (before_last, last, first):
         assert into.open(late or b"") is None
     assert (into.forged, into.replayed) == (0, 3)
-
-
-def test_a_nonce_of_the_board_works_once():
-    nonces = iter((BOARD_NONCE, b"x" * 16, b"y" * 16))
-    board, host = KeyedBoard(SECRET, lambda: next(nonces)), KeyedHost(SECRET)
-    hello = plain(Hello(1, 2))
-    call = host.seal(hello) or b""
-    opening = host.heard(board.heard(call, from_peer=False, taken=False).reply).reply
-    assert not board.heard(opening, from_peer=True, taken=True).opened  # while another one has it
-    assert board.heard(opening, from_peer=False, taken=False) == (hello, b"", True)
-    assert board.heard(opening, from_peer=True, taken=False) == (None, b"", False)
-    assert board.heard(call, from_peer=True, taken=False).reply[17:33] == b"x" * 16
 
 
 # ------------------------------------------------------- a little of what `python -m benchmarks attack` does at length
@@ -472,8 +342,7 @@ def plain_board() -> Iterator[tuple[Board, Endpoint, int]]:
 
 @pytest.mark.slow
 @pytest.mark.realtime  # a host that is silent for a second may be replaced
-@pytest.mark.parametrize("name", ATTACKS)
-def test_a_stranger_on_loopback_is_not_heard(plain_board, name):
+def test_a_stranger_on_loopback_is_not_heard(plain_board):
     """Seen before: anybody in the group armed the board, held full scale, or ended a run with one TIME_SYNC."""
     _, host, port = plain_board
     client.connect(host, PATIENCE_S)
@@ -485,8 +354,9 @@ def test_a_stranger_on_loopback_is_not_heard(plain_board, name):
                 client.connect(host, PATIENCE_S)
                 client.arm(host, PATIENCE_S)
                 host.poll(0.3)
-            for k in range(5):
-                stranger.sendto(plain(ATTACKS[name], host.tx.seq + k), (GROUP, port))
+            for message in ATTACKS.values():
+                for k in range(5):
+                    stranger.sendto(plain(message, host.tx.seq + k), (GROUP, port))
             assert drained(stranger) == []
             assert host.poll(0.3) == []
         host.send_drive(1, 2, 1)
@@ -547,7 +417,7 @@ def test_a_false_board_is_not_heard_and_is_no_sign_of_life(plain_board):
 
 
 @pytest.mark.moderate
-def test_both_ends_have_their_addresses_to_themselves(plain_board):
+def test_both_ends_have_their_addresses_to_themselves_on_one_interface(plain_board):
     *_, port = plain_board
     for address in ((GROUP, port), (LOOPBACK, port)):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
@@ -558,10 +428,7 @@ def test_both_ends_have_their_addresses_to_themselves(plain_board):
     with pytest.raises(LinkError, match=f"another program has port {port}; end it, or take another port"):
         open_board_link(f"udp:239.255.42.71:{port}")
 
-
-@pytest.mark.moderate
-def test_nobody_joins_on_another_interface(plain_board):
-    """/proc/net/igmp: an interface, then its groups, as the machine writes them."""
+    # /proc/net/igmp: an interface, then its groups, as the machine writes them.
     joined, interface = [], ""
     number = f"{int.from_bytes(socket.inet_aton(GROUP), sys.byteorder):08X}"
     for line in Path("/proc/net/igmp").read_text().splitlines()[1:]:
@@ -634,21 +501,17 @@ def test_places_without_a_key_file(tmp_path):
         make_key(tmp_path / "no" / "folder.key")
 
 
-@pytest.mark.slow
-def test_the_verb(tmp_path):
-    def hil(*arguments: str) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "hil", "key", *arguments]
-        return subprocess.run(command, capture_output=True, text=True, check=False)
-
+def test_the_verb(tmp_path, capsys):
     path = tmp_path / "a.key"
-    made = hil(str(path))
-    assert made.returncode == 0
+    assert cli.execute(["key", str(path)]) == 0
     key = read_key(path)
-    assert key.hex() not in made.stdout + made.stderr
-    again = hil(str(path))
-    assert again.returncode == 2
-    assert again.stderr.count("\n") == 1
-    assert "exists already" in again.stderr
-    c = hil(str(path), "--c").stdout
-    assert bytes(int(word, 16) for word in c.replace(",", " ").split() if word.startswith("0x")) == key
+    said = capsys.readouterr()
+    assert key.hex() not in said.out + said.err
+    assert cli.execute(["key", str(path)]) == 2
+    again = capsys.readouterr().err
+    assert again.count("\n") == 1
+    assert "exists already" in again
+    assert cli.execute(["key", str(path), "--c"]) == 0
+    words = capsys.readouterr().out.replace(",", " ").split()
+    assert bytes(int(word, 16) for word in words if word.startswith("0x")) == key
     assert type_of(Hello) == 0x40  # the page's example has its number written out

@@ -368,7 +368,7 @@ class TestLinksOfOtherPackages:
 
     def test_is_named_where_a_scheme_is_unknown(self, install):
         install("carrier", "tests.wire.test_links:link_of_a_package.open")
-        with pytest.raises(LinkError, match="known are serial:…, can:…, udp:…, inproc:…, pty:…, carrier:…"):
+        with pytest.raises(LinkError, match="known are serial:…, can:…, udp:…, inproc:…, pty:…, labgrid:…, carrier:…"):
             open_link("smoke:signal")
         with pytest.raises(LinkError, match="unknown kind"):
             open_link("carrier:")

@@ -8,7 +8,7 @@ from crc32c import crc32c
 
 from device_emulator.board import Board
 from device_emulator.device import Device
-from hil.loop.optional import unknown_parts
+from hil.running.optional import unknown_parts
 from hil.wire import client, spec
 from hil.wire.codec import KNOWN_TYPES, pack, type_of
 from hil.wire.endpoint import Endpoint
@@ -37,11 +37,11 @@ OLD_PROTOCOL, OLD_HASH = 3, 0x4E8B482D
 
 MORE = """
 [optional.HEALTH]
-bit = 64
+bit = 128
 doc = "Later than this."
 
 [optional.HEALTH.messages.HEALTH]
-type = 0x51
+type = 0x53
 sender = "board"
 doc = "A temperature."
 fields = [{ name = "temp", type = "f32", unit = "°C", doc = "It." }]
@@ -96,7 +96,7 @@ def test_one_more_optional_part_changes_neither_hash_nor_table():
     later = parse_spec(TEXT + MORE)
     assert (later.hash, later.table, later.protocol) == (SPEC.hash, SPEC.table, SPEC.protocol)
     assert later.messages["HEALTH"].optional == later.registers["HEALTH_EVERY"].optional == "HEALTH"
-    assert later.enums["Capabilities"].members["HEALTH"] == 64
+    assert later.enums["Capabilities"].members["HEALTH"] == 128
     assert later.is_optional(later.messages["HEALTH"].type)
 
 
@@ -149,14 +149,14 @@ def test_a_host_passes_over_an_optional_message_that_it_does_not_know():
 
 
 def test_a_host_works_with_a_board_that_can_do_more_and_says_so():
-    more = IDENTITY._replace(capabilities=IDENTITY.capabilities | 0x40)
+    more = IDENTITY._replace(capabilities=IDENTITY.capabilities | 0x80)
 
     def board(frame):
         yield encode_frame(type_of(Identity), 0, 0, pack(more))
 
     assert client.connect(Endpoint(Answering(board)), 0.5) == more
     (line,) = unknown_parts(more, 0)
-    assert line == "the board can do more than this host knows (capabilities 0x40); update the host to use it"
+    assert line == "the board can do more than this host knows (capabilities 0x80); update the host to use it"
     assert unknown_parts(IDENTITY, 0) == []
 
 

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import threading
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,7 +14,6 @@ from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.fd_link import FdLink
 from hil.wire.links import open_link
 from hil.wire.pty_link import PtyLink, open_pty
-from hil.wire.serial_format import SERIAL
 from hil.wire.serial_link import open_serial
 
 
@@ -95,46 +93,6 @@ def descriptors() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
-def test_what_is_no_terminal_is_asked_and_closed_again(tmp_path: Path) -> None:
-    (tmp_path / "file").write_bytes(b"")
-    before = descriptors()
-    with pytest.raises(LinkError, match="not a serial port"):
-        open_serial(str(tmp_path / "file"))
-    assert descriptors() == before
-
-
-def test_a_read_takes_4096_bytes_at_most() -> None:
-    reading, writing = os.pipe()
-    link = FdLink(reading, "pipe")
-    os.write(writing, bytes(5000))
-    assert [len(link.receive(1.0)), len(link.receive(1.0)), link.receive(0.0)] == [4096, 904, b""]
-    os.close(writing)
-    with pytest.raises(LinkClosed, match="pipe: the other end hung up"):
-        link.receive(1.0)
-    link.close()
-
-
-def test_more_than_there_is_room_for_is_sent_as_room_comes() -> None:
-    reading, writing = os.pipe()
-    link = FdLink(writing, "pipe")
-    data = os.urandom(300_000)
-    got = bytearray()
-
-    def read() -> None:
-        while len(got) < len(data) and (chunk := os.read(reading, 20_000)):
-            got.extend(chunk)
-
-    other = threading.Thread(target=read)
-    other.start()
-    try:
-        link.send(data)
-    finally:
-        link.close()
-        other.join(10.0)
-        os.close(reading)
-    assert bytes(got) == data
-
-
 @pytest.mark.parametrize("number", [errno.EIO, errno.ENXIO, errno.ENODEV, errno.EPIPE, errno.EBADF])
 def test_each_way_to_hang_up_is_one(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
     """And what is none is told as the system does."""
@@ -154,24 +112,6 @@ def test_each_way_to_hang_up_is_one(monkeypatch: pytest.MonkeyPatch, number: int
         number = errno.ENOMEM
         with pytest.raises(LinkClosed, match=f"pipe: {os.strerror(number)}"):
             link.offer(b"a")
-    link.close()
-    os.close(writing)
-
-
-def test_nobody_waits_on_a_descriptor_that_is_not_ready_after_all(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Another reader may have been quicker."""
-    reading, writing = os.pipe()
-    os.write(writing, b"a")
-    link = FdLink(reading, "pipe")
-
-    def nothing(*_: Any) -> int:
-        raise BlockingIOError
-
-    with monkeypatch.context() as patched:
-        patched.setattr(os, "read", nothing)
-        patched.setattr(os, "write", nothing)
-        assert link.receive(0.1) == b""
-        assert link.offer(b"a") == 0
     link.close()
     os.close(writing)
 
@@ -200,32 +140,6 @@ def test_a_pty_keeps_its_own_end_open_until_a_host_has_spoken(board: PtyLink) ->
     assert board.receive(0.0) == b""
     board.close()
     assert descriptors() == before - 2
-
-
-def test_what_a_board_drops_is_what_did_not_fit(board: PtyLink, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(board, "offer", lambda data: min(len(data), 100))
-    board.drop_when_full = True
-    for size, dropped in ((700, 600), (50, 600), (150, 650)):
-        board.send(bytes(size))
-        assert board.dropped_bytes == dropped
-
-
-def test_nobody_stamps_what_comes_by_a_port(board: PtyLink) -> None:
-    assert (board.arrived_ns, board.format) == (0, SERIAL)
-    assert board.advice == "is it a gyro board, on, at this baud rate?"
-
-
-def test_what_is_no_terminal_is_found_out_without_waiting_for_a_carrier(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Opened as a port is, for reading and writing, and neither waited for nor made the terminal of this process."""
-    asked: list[int] = []
-
-    def opened(path: str, flags: int) -> int:
-        asked.append(flags)
-        raise OSError(6, "No such device or address")
-
-    monkeypatch.setattr(serial_link.os, "open", opened)
-    assert not serial_link._is_terminal("/dev/ttyS0")
-    assert asked == [os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK]
 
 
 def test_a_new_host_hears_nothing_that_was_meant_for_the_last(board: PtyLink) -> None:

@@ -8,7 +8,7 @@ from hypothesis.extra import numpy as hnp
 
 from hil.wire.errors import ProtocolError
 from hil.wire.framing import HEADER
-from hil.wire.sense import MAX_ROWS, SENSE, Sense, decode_sense, encode_sense, row_body, split_row_body
+from hil.wire.sense import MAX_ROWS, SENSE, Sense, decode_sense, encode_sense, row_body
 
 untimed = settings(deadline=None)
 widths = st.sampled_from([2, 3])
@@ -41,7 +41,6 @@ def test_one_row_is_a_block_of_one(data, width, flags, seq, tick):
     row = block[0].tolist()
     body = row_body(seq, tick, *row, flags, width)
     assert body == HEADER.pack(SENSE, seq, tick) + encode_sense(Sense(block, width, flags))
-    assert split_row_body(body + b"crc.") == (seq, tick, *row, flags)
 
 
 @pytest.mark.parametrize("width", [2, 3])
@@ -95,12 +94,3 @@ def test_other_widths_are_refused(width):
 def test_payloads_that_contradict_themselves_are_refused(payload):
     with pytest.raises(ProtocolError, match="SENSE"):
         decode_sense(payload)
-
-
-@pytest.mark.parametrize("start", [b"\2\0\1\0\0", b"\4\0\1\0\0"])
-def test_a_row_that_contradicts_itself_is_no_row(start):
-    """Two rows of one byte a code would have the length of one row of two."""
-    size = 4 * start[0]
-    assert split_row_body(HEADER.pack(SENSE, 0, 0) + start + bytes(size + 4)) is None
-    three = HEADER.pack(SENSE, 0, 0) + b"\3\0\1\0\0" + bytes(12 + 4)
-    assert split_row_body(three) is None

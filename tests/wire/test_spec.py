@@ -42,9 +42,10 @@ def test_units_that_name_an_enumeration_name_an_existing_one():
     assert {unit for unit in units if unit[0].isupper()} - {"Hz", "V"} <= SPEC.enums.keys()
 
 
-def test_scales_name_fields_of_identity():
-    known = {f"IDENTITY.{field.name}" for field in SPEC.messages["IDENTITY"].fields} | {"1"}
+def test_scales_name_fields_that_a_board_tells():
     messages = SPEC.messages.values()
+    told = [message for message in messages if message.sender == "board"]
+    known = {f"{message.name}.{field.name}" for message in told for field in message.fields} | {"1"}
     assert {field.scale for message in messages for field in (*message.fields, *message.rows)} <= known
 
 

@@ -8,10 +8,10 @@ import pytest
 from hil.wire import client, wire_log
 from hil.wire.codec import pack, type_of
 from hil.wire.endpoint import Endpoint
-from hil.wire.errors import LinkError, ProtocolError
+from hil.wire.errors import LinkError
 from hil.wire.framing import encode_frame
 from hil.wire.link import Link
-from hil.wire.messages import Arm, FieldRead, FieldValue, Hello, Nack, NackReason, SafeReason, Status
+from hil.wire.messages import Arm, Hello, Nack, NackReason, SafeReason, Status
 from hil.wire.spec import SPEC
 from hil.wire.stream import Receiver, Transmitter
 
@@ -133,23 +133,6 @@ def test_a_refusal_of_a_repeated_request_is_one(monkeypatch: pytest.MonkeyPatch)
             client.arm(Endpoint(link), 0.4)
 
 
-def test_ten_seconds_for_a_whole_field_table(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A board that takes 0.3 s for each line; each is asked for within two seconds or what is left of the ten."""
-    link = watched(monkeypatch, Waiting())
-    tx = Transmitter()
-
-    def receive(timeout_s: float | None) -> bytes:
-        link.now_s += 0.3
-        question = link.asked[-1][1]
-        assert isinstance(question, FieldRead)
-        return tx.encode(FieldValue(question.line, 1000, SPEC.table[0].text), 0)
-
-    monkeypatch.setattr(link, "receive", receive)
-    with pytest.raises(ProtocolError, match=r"34 of 1000 lines of the board's field table came within 10 s"):
-        client.read_field_table(Endpoint(link))
-    assert client.MOST_LINES == 1024
-
-
 # ----------------------------------------------------------------------------------------------------------- wire logs
 
 
@@ -195,35 +178,6 @@ def test_a_bus_that_does_not_fall_quiet_is_waited_for_a_minute(clock: Clock, mon
     monkeypatch.setattr(clock, "sleep", sleep)
     log.finish()
     assert 60.0 <= clock.now_s - 50.0 < 60.5
-
-
-class Kernel:
-    """The socket of a Linux bus: what it is set to, and nine numbers of which the last one is what found no room."""
-
-    def __init__(self, forced: bool) -> None:
-        self.forced, self.told = forced, []
-
-    def setsockopt(self, level: int, option: int, value: int) -> None:
-        if option == 33 and not self.forced:
-            raise PermissionError
-        self.told.append((level, option, value))
-
-    def getsockopt(self, level: int, option: int, size: int) -> bytes:
-        assert (level, option, size) == (1, 55, 36)
-        return b"".join(number.to_bytes(4, "little") for number in (9, 8, 7, 6, 5, 4, 3, 2, 77))
-
-
-@pytest.mark.parametrize(("forced", "option"), [(True, 33), (False, 8)])
-def test_of_a_linux_bus_much_is_held_and_what_found_no_room_is_counted(clock: Clock, forced: bool, option: int) -> None:
-    """SOL_SOCKET is 1, SO_RCVBUF 8, SO_RCVBUFFORCE 33, SO_MEMINFO 55: asm-generic/socket.h."""
-    bus = object.__new__(wire_log.SocketcanBus)
-    bus._is_shutdown = True
-    bus.socket = Kernel(forced)
-    log = wire_log.WireLog(bus)
-    assert bus.socket.told == [(1, option, 64 * 2**20)]
-    clock.sleep(1.0)
-    log.finish()
-    assert log.lost == 77
 
 
 def test_a_message_of_more_than_an_answer_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:

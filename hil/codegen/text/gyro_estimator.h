@@ -38,12 +38,12 @@ enum { GYRO_X, GYRO_VX, GYRO_Y, GYRO_VY, GYRO_PHI_X, GYRO_PHI_Y, GYRO_RATE, GYRO
 /* Private, scaled: time by the resonance, length by the amplitude. */
 @STRUCTS@
 typedef struct gyro_estimator {
+    gyro_real p[@COVARIANCE@]; /* first: rows of whole vectors, where the instance is aligned to one */
+@SECOND@    gyro_workspace work;
     gyro_memory memory;
     gyro_output row;
-    gyro_workspace work;
     gyro_real x[@TOTAL@];
-    gyro_real p[@COVARIANCE@];
-@SECOND@} gyro_estimator;
+} gyro_estimator;
 
 /* SI. A deviation below 0: declared, not estimated. */
 typedef struct gyro_estimate {

@@ -55,7 +55,7 @@ void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_
     gyro_estimator_read(estimator, &estimate);
     for (int i = 0; i < GYRO_STATES; i++) {
         said->state[i] = (double)estimate.state[i];
-        said->deviation[i] = (double)estimate.deviation[i];
+        said->deviation[i] = estimate.deviation[i] > R(0.0) ? (double)estimate.deviation[i] : 0.0;
     }
     for (int i = 0; i < 2; i++) {
         said->innovation_V[i] = (double)estimate.innovation_V[i];

@@ -1,7 +1,7 @@
 """What holds for every board on every link, seen from the host: subclass `Conformance` for yours.
 
 A subclass says how its board is started; see tests/wire/test_conformance.py. The board is only spoken to over its link.
-What of it docs/wire.md and docs/safety.md say of states, drives and registers is in `tests.wire.rules`.
+What of it docs/wire.md and docs/safety.md say of states, drives and registers is in `hil.testing.board_rules.rules`.
 """
 
 import contextlib
@@ -10,6 +10,19 @@ from collections.abc import Iterator
 
 import pytest
 
+from hil.testing.board_rules.rules import Rules
+from hil.testing.board_rules.served import (
+    PATIENCE_S,
+    QUIET_S,
+    Board,
+    Cable,
+    answers,
+    drive,
+    leave,
+    samples,
+    set_running,
+    status_of,
+)
 from hil.wire import client
 from hil.wire.can_format import HEAD, RECORD_SIZE
 from hil.wire.codec import type_of
@@ -35,23 +48,7 @@ from hil.wire.messages import (
 from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
 
-from .rules import Rules
-from .served import (
-    PATIENCE_S,
-    QUIET_S,
-    Board,
-    Cable,
-    answers,
-    drive,
-    emulated,
-    leave,
-    samples,
-    set_running,
-    status_of,
-    tripped,
-)
-
-__all__ = ["Board", "Conformance", "emulated", "samples", "set_running", "status_of", "tripped"]
+__all__ = ["Board", "Conformance", "samples", "set_running", "status_of"]
 
 WATCHDOG = SPEC.registers["WATCHDOG_TICKS"].id
 REQUESTS = 30
@@ -115,14 +112,14 @@ class Conformance(Rules):
 
     # -------------------------------------------------------------------------------------------------- conversation
 
-    def test_handshake(self, host):
+    def test_handshake(self, host: Endpoint) -> None:
         first = client.connect(host, PATIENCE_S)
         assert (first.protocol, first.spec_hash) == (SPEC.protocol, SPEC.hash)
         assert first.tick_rate_Hz > 0
         assert first.axes in (1, 2)
         assert client.connect(host, PATIENCE_S) == first
 
-    def test_registers(self, host):
+    def test_registers(self, host: Endpoint) -> None:
         for value in (77, 78):
             assert client.write_register(host, "WATCHDOG_TICKS", value, PATIENCE_S) == value
             assert client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S) == value
@@ -133,7 +130,7 @@ class Conformance(Rules):
         with pytest.raises(ProtocolError, match="UNKNOWN_REGISTER"):
             client.request(host, RegisterRead(0xFFFF), RegisterValue, PATIENCE_S)
 
-    def test_a_loop_mode_that_the_board_lacks_is_not_supported(self, host):
+    def test_a_loop_mode_that_the_board_lacks_is_not_supported(self, host: Endpoint) -> None:
         """And one that it names is taken; every board has the register, and starts with a mode that it names."""
         able = Capabilities(client.connect(host, PATIENCE_S).capabilities)
         named = {mode: Capabilities[f"{mode.name}_MODE"] in able for mode in LoopMode}
@@ -149,17 +146,17 @@ class Conformance(Rules):
         with pytest.raises(client.Refused, match="OUT_OF_RANGE"):
             client.write_register(host, "LOOP_MODE", max(LoopMode) + 1.0, PATIENCE_S)
 
-    def test_field_table(self, host):
+    def test_field_table(self, host: Endpoint) -> None:
         """Its lines are the longest messages: on CAN they come in parts."""
         assert client.read_field_table(host, PATIENCE_S) == SPEC.table
 
-    def test_clock_comes_back(self, host):
+    def test_clock_comes_back(self, host: Endpoint) -> None:
         answer = client.request(host, TimeSync(2**63 + 5, 0), TimeSync, PATIENCE_S)
         again = client.request(host, TimeSync(6, 0), TimeSync, PATIENCE_S)
         assert (answer.host_ns, again.host_ns) == (2**63 + 5, 6)
         assert again.board_ns >= answer.board_ns
 
-    def test_the_time_is_asked_without_waiting(self, host):
+    def test_the_time_is_asked_without_waiting(self, host: Endpoint) -> None:
         """The answer is noted when it comes, between our own clock before and after, whoever reads it."""
         asked = [host.ask_time() for _ in range(3)]
         deadline = time.monotonic() + PATIENCE_S
@@ -170,10 +167,10 @@ class Conformance(Rules):
         assert all(exchange.sent_ns <= exchange.received_ns <= time.monotonic_ns() for exchange in noted)
         assert noted[0].board_ns <= noted[1].board_ns <= noted[2].board_ns
 
-    def test_safe_is_answered(self, host):
+    def test_safe_is_answered(self, host: Endpoint) -> None:
         assert status_of(host).state == State.SAFE
 
-    def test_what_is_not_understood_is_refused(self, host):
+    def test_what_is_not_understood_is_refused(self, host: Endpoint) -> None:
         data, _ = host.link.format.encode(0x7E, host.tx.seq, 0, b"what?")
         unknown, host.tx.seq = host.tx.seq, host.tx.seq + 1
         host.link.send(data)
@@ -185,7 +182,7 @@ class Conformance(Rules):
 
     # ------------------------------------------------------------------------------------------ order, loss, repetition
 
-    def test_order(self, host):
+    def test_order(self, host: Endpoint) -> None:
         before = status_of(host)
         identity = self.arm(host)
         drive(host, identity, 300)
@@ -194,7 +191,7 @@ class Conformance(Rules):
         moved = {name: getattr(after, name) for name in ("reason", "tick", "held", "late", "saturated")}
         assert after == before._replace(**moved)
 
-    def test_loss_towards_the_host_is_counted(self, host, cable):
+    def test_loss_towards_the_host_is_counted(self, host: Endpoint, cable: Cable) -> None:
         arrived: list[bytes] = []
 
         def lose(frames: list[bytes]) -> list[bytes]:
@@ -215,7 +212,7 @@ class Conformance(Rules):
         assert len(arrived) == REQUESTS
         assert (host.rx.lost, host.rx.repeated, host.rx.bad) == (REQUESTS // 5, 0, 0)
 
-    def test_loss_towards_the_board_is_counted(self, host, cable):
+    def test_loss_towards_the_board_is_counted(self, host: Endpoint, cable: Cable) -> None:
         before = status_of(host).lost_seq
         cable.outgoing = lambda frames: []
         for _ in range(7):
@@ -224,7 +221,7 @@ class Conformance(Rules):
         client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S)  # SAFE, which asks for the count, has no place in it
         assert status_of(host).lost_seq == before + 7
 
-    def test_duplicates_are_dropped(self, host, cable):
+    def test_duplicates_are_dropped(self, host: Endpoint, cable: Cable) -> None:
         before = status_of(host)
         cable.outgoing = lambda frames: [frame for frame in frames for _ in range(3)]
         for _ in range(REQUESTS):
@@ -242,10 +239,15 @@ class Conformance(Rules):
         after = status_of(host)
         assert (after.lost_seq, after.bad_frames) == (before.lost_seq, before.bad_frames)
 
-    def test_nothing_is_used_out_of_order(self, host, cable):
+    def test_nothing_is_used_out_of_order(self, host: Endpoint, cable: Cable) -> None:
         before = status_of(host).lost_seq
         held: list[bytes] = []
-        cable.outgoing = lambda frames: held.extend(frames) or []
+
+        def hold(frames: list[bytes]) -> list[bytes]:
+            held.extend(frames)
+            return []
+
+        cable.outgoing = hold
         host.send(RegisterRead(1))
         host.send(RegisterRead(WATCHDOG))
         cable.outgoing = list
@@ -257,7 +259,7 @@ class Conformance(Rules):
 
     # -------------------------------------------------------------------------------------------------- broken frames
 
-    def test_damaged_frames_are_dropped_and_counted(self, host, cable):
+    def test_damaged_frames_are_dropped_and_counted(self, host: Endpoint, cable: Cable) -> None:
         def damage(frames: list[bytes]) -> list[bytes]:
             return [frame[:9] + bytes([frame[9] ^ 0x55 or 1]) + frame[10:] for frame in frames]
 
@@ -273,7 +275,7 @@ class Conformance(Rules):
         assert answers(host, 1, QUIET_S) == []
         assert status_of(host).bad_frames == before + 5
 
-    def test_oversize_is_dropped_and_counted(self, host, cable):
+    def test_oversize_is_dropped_and_counted(self, host: Endpoint, cable: Cable) -> None:
         before = status_of(host).bad_frames
         if cable.format is SERIAL:
             cable._link.send(b"\0" + b"\x55" * (MAX_ENCODED + 100) + b"\0")
@@ -284,7 +286,7 @@ class Conformance(Rules):
         assert client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S)
         assert status_of(host).bad_frames == before + 1
 
-    def test_noise_changes_nothing(self, host, cable):
+    def test_noise_changes_nothing(self, host: Endpoint, cable: Cable) -> None:
         before = client.read_register(host, "WATCHDOG_TICKS", PATIENCE_S)
         noise = bytes(k * k % 251 for k in range(1, 50 * RECORD_SIZE + 1))
         if cable.format is SERIAL:
@@ -299,7 +301,7 @@ class Conformance(Rules):
 
     # ------------------------------------------------------------------------------------------------------- versions
 
-    def test_version_mismatch(self, host):
+    def test_version_mismatch(self, host: Endpoint) -> None:
         for hello in (Hello(SPEC.protocol + 1, SPEC.hash), Hello(SPEC.protocol, SPEC.hash ^ 1)):
             host.send(hello)
             (identity,) = answers(host, 1)
@@ -311,7 +313,7 @@ class Conformance(Rules):
 
     # ------------------------------------------------------------------------------------------- restarts, unplugging
 
-    def test_the_host_starts_again(self, host, cable, served):
+    def test_the_host_starts_again(self, host: Endpoint, cable: Cable, served: list[Board]) -> None:
         """Without a word, in the midst of a run."""
         if self.alone:
             pytest.skip("this board lives and dies with its host")
@@ -329,7 +331,7 @@ class Conformance(Rules):
         finally:
             again.close()
 
-    def test_the_board_starts_again(self, host, cable, served):
+    def test_the_board_starts_again(self, host: Endpoint, cable: Cable, served: list[Board]) -> None:
         if served[0].process is None:
             pytest.skip("this board cannot be switched off from here")
         self.arm(host, paced=True)
@@ -344,7 +346,7 @@ class Conformance(Rules):
         leave(host)
         host.close()
 
-    def test_unplugged_and_plugged_in_again(self, host, cable):
+    def test_unplugged_and_plugged_in_again(self, host: Endpoint, cable: Cable) -> None:
         """The board's watchdog stops the drive; the host finds it where it was, its ticks gone on."""
         identity = self.arm(host, paced=True)
         tick = set_running(host)
@@ -359,7 +361,7 @@ class Conformance(Rules):
         client.arm(host, PATIENCE_S)
         assert samples(host)[0][0] > tick + 0.2 * identity.tick_rate_Hz
 
-    def test_a_second_host_is_refused(self, host, served):
+    def test_a_second_host_is_refused(self, host: Endpoint, served: list[Board]) -> None:
         if self.alone:
             pytest.skip("nobody else can reach this board")
         identity = self.arm(host)

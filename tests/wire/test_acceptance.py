@@ -1,0 +1,43 @@
+"""`hil identify --accept`: the rules of the wire asked of a board; the one that is not kept is named."""
+
+from pathlib import Path
+
+import pytest
+
+from device_emulator.board import Board
+from hil.boards.emulation import located
+from hil.progress import untold
+from hil.testing.acceptance import Accepted, accept
+from hil.wire.messages import Arm, Message
+
+pytestmark = pytest.mark.slow
+
+
+def asked(folder: Path) -> Accepted:
+    return accept(located("inproc:s-slow"), folder, untold)
+
+
+def test_a_board_that_keeps_them_all_is_told_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PYTEST_ADDOPTS", "-k no_such_rule")  # of the user's own tests
+    answers = asked(tmp_path)
+    assert answers.good
+    assert len(answers.kept) > 60
+    assert answers.broken == {}
+    assert answers.folder is not None
+    page = (answers.folder / "accept.html").read_text(encoding="utf-8")
+    assert "rules are kept" in page
+
+
+def test_a_rule_that_is_not_kept_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A board whose stops do not latch."""
+    arm = Board._arm
+
+    def unlatched(board: Board, message: Arm) -> list[Message]:
+        board._latched = False
+        return arm(board, message)
+
+    monkeypatch.setattr(Board, "_arm", unlatched)
+    answers = asked(tmp_path)
+    assert not answers.good
+    assert any("latches until hello" in rule for rule in answers.broken)
+    assert len(answers.broken) < 20
