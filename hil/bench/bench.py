@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, model_validator
 
+from hil.bench.classic import CLASSIC, name_plugin
 from hil.bench.improbable import beside
 from hil.bench.observer import BACKEND_BEFORE
 from hil.bench.plausible import implausible
@@ -19,6 +20,11 @@ from hil.errors.strict_toml import parse_table, read_table
 
 class Bench(Tables):
     """A whole bench file."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _mode_has_its_plugin(cls, table: Any) -> Any:
+        return name_plugin(table)
 
     @model_validator(mode="after")
     def _sections_agree(self) -> Self:
@@ -39,8 +45,30 @@ class Bench(Tables):
         for key in ("position_m", "velocity_mps", "offset_V"):
             if (given := getattr(initial, key)) is not None and len(given) != axes:
                 raise ValueError(f"[observer.initial] {key}: expected {axes} numbers, one per axis, not {len(given)}")
+        if self.loop.mode == "board" and self.device.sense.interface.kind == "piezoresistive":
+            raise ValueError(
+                '[device.sense.interface] kind: "piezoresistive" needs the temperature, which a board\'s estimator '
+                'is not given; set [loop] mode = "gain" or "force"'
+            )
         if self.loop.in_blocks and axes != 2:
             raise ValueError(f'[loop] mode: "{self.loop.mode}" needs axes = 2, not {axes}; use "force"')
+        if self.trim.electrodes and axes != 2:
+            raise ValueError("[trim] electrodes: a single axis has no split to null; leave the table out")
+        if self.trim.electrodes and self.loop.mode == "board":
+            raise ValueError(
+                '[trim] electrodes: a board\'s own estimator is not told of them; use [loop] mode = "gain"'
+            )
+        if self.trim.electrodes and self.controller.mode in CLASSIC:
+            raise ValueError(
+                f'[trim] electrodes: the loops of [controller] mode = "{self.controller.mode}" estimate no springs to '
+                'null; use mode = "whole_angle", or leave the table out'
+            )
+        if self.trim.electrodes and self.observer.plugin is not None:
+            raise ValueError(
+                "[trim] electrodes: [observer] plugin is not told of their voltages; take the plug-in or the table out"
+            )
+        if self.trim.control and not self.controller.enabled:
+            raise ValueError("[trim] control: nulls what a closed loop shows; set [controller] enabled = true")
         if self.link.watchdog_s is not None and self.link.watchdog_s < self.shortest_watchdog_s:
             what = "three blocks" if self.loop.in_blocks else "two samples"
             raise ValueError(f"[link] watchdog_s: shorter than {what} ({self.shortest_watchdog_s:g} s)")
@@ -80,7 +108,7 @@ def load_any_bench(path: Path) -> Bench | RateSensorBench:
     """The bench file at ``path``, of an oscillator or (axes = 0) of a rate-output sensor; errors as of `load_bench`."""
     table = read_table(path)
     _tell_of_names_before(table, path)
-    _find_plugins_beside(table, path)
+    _find_files_beside(table, path)
     device = table.get("device")
     if isinstance(device, dict) and device.get("axes") == 0:
         return parse_table(table, RateSensorBench, str(path))
@@ -95,17 +123,19 @@ def _tell_of_names_before(table: Mapping[str, Any], path: Path) -> None:
         warnings.warn(line, FutureWarning, stacklevel=3)
 
 
-def _find_plugins_beside(table: Mapping[str, Any], path: Path) -> None:
-    """Plug-ins that lie beside the bench file, by their whole path: a run keeps the bench file in another folder."""
-    for name in ("observer", "controller"):
-        section = table.get(name)
-        given = section.get("plugin") if isinstance(section, dict) else None
+def _find_files_beside(table: Mapping[str, Any], path: Path) -> None:
+    """Files that lie beside the bench file, by their whole path: a run keeps the bench file in another folder."""
+    device = table.get("device")
+    calibration = device.get("calibration") if isinstance(device, dict) else None
+    keys = ((table.get("observer"), "plugin"), (table.get("controller"), "plugin"), (calibration, "angle_map"))
+    for section, key in keys:
+        given = section.get(key) if isinstance(section, dict) else None
         if not isinstance(section, dict) or not isinstance(given, str) or not given:
             continue
         file, colon, attribute = given.rpartition(":") if ".py:" in given else (given, "", "")
         for place in (path.parent / file, Path(file)):
             if place.is_file():
-                section["plugin"] = f"{place.resolve()}{colon}{attribute}"
+                section[key] = f"{place.resolve()}{colon}{attribute}"
                 break
 
 

@@ -9,52 +9,78 @@ from collections.abc import Iterator
 from typing import Literal
 
 from hil.bench.bench import Bench
+from hil.bench.classic import Loops
+from hil.bench.data_sheet import FIGURES
 from hil.errors import InputError
 
 Verb = Literal["run", "replay", "trace", "compare"]
 
-_BOARD = ("link.url", "link.watchdog_s", "link.timeout_s", "loop.clock", "loop.seed", "loop.filter", "loop.block")
+_BESIDE = ("reference.link", "reference.axis", "reference.sign")
+_BOARD = (
+    *_BESIDE,
+    "link.url",
+    "link.watchdog_s",
+    "link.timeout_s",
+    "loop.clock",
+    "loop.seed",
+    "loop.filter",
+    "loop.block",
+)
 _STEPS = ("controller.stiffness_step", "controller.stiffness_step_Hz")
 _LAW = ("energy_gain", "quadrature_gain", "amplitude_modulation", "modulation_Hz")
 _PLUGIN = "controller.plugin"
-_CONTROL = (*_STEPS, _PLUGIN, *(f"controller.{key}" for key in _LAW))
+_LOOPS = tuple(f"controller.loops.{key}" for key in Loops.model_fields)
+_CONTROL = (*_STEPS, _PLUGIN, *_LOOPS, *(f"controller.{key}" for key in _LAW))
+_TRIMMED = tuple(
+    f"trim.{key}" for key in ("control", "limit_V", "ramp_V_per_s", "time_constant_s", "period_s", "tolerance")
+)
 _GUARDS = tuple(f"limits.{key}" for key in ("overtime", "rearm", "standstill_s"))
 _MACHINE = ("limits.late_fraction", "limits.lost_fraction")
 _JUDGED = tuple(f"limits.{key}" for key in ("angle_rad", "energy_error", "quadrature", "invalid_fraction"))
-_CALIBRATION = tuple(
-    f"device.calibration.{key}"
-    for key in (
-        "angular_gain_u", "clock_u", "drive_gain_u", "drive_misalignment_u", "drive_delay_u_s", "sense_gain_ratio_u",
-        "sense_cross_coupling_u", "sense_delay_u_s",
-    )
+_SHEET = {f"limits.{figure.key}": "hil characterise holds its figures against it" for figure in FIGURES}
+_MAP = "device.calibration.angle_map"
+_CALIBRATION = (
+    *(
+        f"device.calibration.{key}"
+        for key in (
+            "angular_gain_u", "clock_u", "drive_gain_u", "drive_misalignment_u", "drive_delay_u_s",
+            "sense_gain_ratio_u", "sense_cross_coupling_u", "sense_delay_u_s",
+        )
+    ),
+    "device.sense.interface.constant_u",
+    "device.sense.interface.temperature_u_K",
 )  # fmt: skip
 
 _OF_A_BOARD, _DRIVEN = "only a board needs it", "the drive of the loop is in the record"
 _STOPPED, _VERDICT = "nothing has to be stopped", "only the verdict of a run needs it"
 
 NOT_OF: dict[Verb, dict[str, str]] = {
-    "run": {},
+    "run": _SHEET,
     "replay": {
+        **_SHEET,
         **dict.fromkeys((*_BOARD, "loop.duration_s"), _OF_A_BOARD),
-        **dict.fromkeys(_CONTROL, _DRIVEN),
+        **dict.fromkeys((*_CONTROL, *_TRIMMED), _DRIVEN),
         **dict.fromkeys((*_GUARDS, "limits.residual_safe"), _STOPPED),
         **dict.fromkeys(_MACHINE, _OF_A_BOARD),
     },
     "trace": {
+        **_SHEET,
         **dict.fromkeys((*_BOARD, "loop.duration_s"), _OF_A_BOARD),
-        **dict.fromkeys((*_CONTROL, "controller.dither_mps2"), _DRIVEN),
+        **dict.fromkeys((*_CONTROL, *_TRIMMED, "controller.mode", "controller.dither_mps2"), _DRIVEN),
         **dict.fromkeys((*_GUARDS, "limits.residual_safe"), _STOPPED),
         **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
         **dict.fromkeys(("loop.estimate_every", "loop.covariance_every"), "every sample is used"),
         **dict.fromkeys(_CALIBRATION, "only the angle's uncertainty needs it"),
+        _MAP: "no angle is reported",
         "device.normalised": "a trace reports effects per unit mass",
         "observer.plugin": "a trace fits the bench's own model",
     },
     "compare": {
+        **_SHEET,
         **dict.fromkeys(
             ("link.url", "loop.filter", "loop.block"), "the board is given as --link, and runs in force mode"
         ),
-        **dict.fromkeys((*_STEPS, _PLUGIN), _DRIVEN),
+        **dict.fromkeys((*_STEPS, _PLUGIN, *_LOOPS, *_TRIMMED), _DRIVEN),
         **dict.fromkeys(_GUARDS, _STOPPED),
         **dict.fromkeys((*_MACHINE, *_JUDGED, "limits.innovation_ratio"), _VERDICT),
         "loop.covariance_every": "no covariance is kept",
@@ -64,29 +90,9 @@ NOT_OF: dict[Verb, dict[str, str]] = {
 """Keys that a verb has no use for, by `section.key`, each with the reason."""
 
 
-def page() -> str:
-    """The section of the reference page."""
-    reasons: dict[str, dict[str, list[str]]] = {}
-    for verb, keys in NOT_OF.items():
-        for key, why in keys.items():
-            reasons.setdefault(why, {}).setdefault(verb, []).append(key)
-    rows = "".join(
-        f"| {why} | `hil {verb}` | {', '.join(f'`{key}`' for key in keys)} |\n"
-        for why, by_verb in reasons.items()
-        for verb, keys in by_verb.items()
-    )
-    return f"{_PAGE}{rows}"
-
-
-_PAGE = """
-## Keys that a verb has no use for
-
-One bench file serves several commands (verbs). `hil run` uses every key. The other verbs ignore the keys below. A verb
-refuses a value that it cannot apply (`[observer] backend` is refused by all but `hil replay`, for example).
-
-| because | verb | keys |
-|---|---|---|
-"""
+def of_a_record(bench: Bench) -> Bench:
+    """As a record is gone through: what [controller] mode drove is in it, and the bench's own observer reads it."""
+    return bench if bench.controller.mode == "whole_angle" else bench.with_(controller={"mode": "whole_angle"})
 
 
 def require_usable(bench: Bench, verb: Verb) -> None:

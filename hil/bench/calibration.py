@@ -5,6 +5,7 @@ of such a part usually promises, taken as a uniform distribution where it gives 
 assumed wherever it is used.
 """
 
+import math
 from typing import Annotated, NamedTuple
 
 from pydantic import Field
@@ -12,6 +13,15 @@ from pydantic import Field
 from hil.bench.section import NotNegative, Positive, Section
 
 Relative = Annotated[float, Field(ge=0, lt=1)]
+
+
+class Sensed(NamedTuple):
+    """What is uncertain of a sense interface's map: the amplitude that it reads, relative; how late it is, in addition
+    to what else delays the channel; and whether either was assumed."""
+
+    amplitude_u: float
+    delay_u_s: float
+    assumed: bool
 
 
 class Calibration(Section):
@@ -38,15 +48,24 @@ class Calibration(Section):
     sense_delay_u_s: NotNegative | None = None
     """delay of each sense channel in addition to what the board states; without it 1 mrad of the resonance is
     assumed"""
+    angle_map: str | None = None
+    """file of what depends on the pattern's angle, `calibrations/SERIAL.toml` of `hil characterise --calibrate`: it is
+    taken off angle and rate; a path, also from the bench file's folder"""
 
-    def known(self, resonance_rad_s: float) -> dict[str, "Known"]:
-        """Standard uncertainty of each constant by name, for a device with this resonance."""
+    def known(self, resonance_rad_s: float, sensed: Sensed | None = None) -> dict[str, "Known"]:
+        """Standard uncertainty of each constant by name, for a device with this resonance and, where it is no
+        comb, this interface.
+        """
         found = {}
         for name, (value, unit, _) in ASSUMED.items():
             per_s = unit == "s"
             declared = getattr(self, f"{name}_u{'_s' if per_s else ''}")
             assumed = value / resonance_rad_s if per_s else value
             found[name] = Known(assumed if declared is None else declared, unit, declared is None)
+        if sensed is not None:
+            found["sense_interface"] = Known(sensed.amplitude_u, "1", sensed.assumed)
+            late = found["sense_delay"]
+            found["sense_delay"] = late._replace(u=math.hypot(late.u, sensed.delay_u_s))
         return found
 
     def by_symbol(self, resonance_rad_s: float) -> dict[str, float]:

@@ -1,6 +1,6 @@
 """What a bench file's numbers come to, in the units in which a resonator is known: Hz, Q, decay time, split, azimuth.
 
-One list for the terminal, `--json` and the report: whoever slipped by a unit sees it there.
+One list for the terminal, `--json` and the report: a slip of units shows there.
 """
 
 import math

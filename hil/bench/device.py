@@ -8,7 +8,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Field, GetJsonSchemaHandler, model_validator
 from pydantic_core import CoreSchema
 
-from hil.bench.calibration import Calibration
+from hil.bench.calibration import Calibration, Known
+from hil.bench.interface import Interface
 from hil.bench.modes import STANDS_BESIDE, STANDS_FOR, Modes, in_stiffness_and_damping
 from hil.bench.section import NotNegative, Numbers, Positive, Section, check_matrix, offer_instead
 from hil.records.units import LEVELS
@@ -33,6 +34,8 @@ class Sense(Section):
     """rms noise of one sample, quantisation included"""
     offset_sd_V: NotNegative = 0.0
     """how far from zero the offset may be (one standard deviation)"""
+    interface: Interface = Interface()
+    """table [device.sense.interface]"""
 
     @model_validator(mode="after")
     def _level_is_known(self) -> Self:
@@ -167,6 +170,8 @@ class Device(Section):
             raise ValueError("[device.drive] gain_known: a drive gain is estimated for axes = 1 only; set it to true")
         if self.sense.is_envelope and min(self.sense.gain_V_per_m) < 0:
             raise ValueError("[device.sense] gain_V_per_m: negative, but an amplitude has no sign; leave it out")
+        if wrong := self.sense.interface.wrong(self.axes, self.amplitude_m, self.sense.senses):
+            raise ValueError(f"[device.sense.interface] {wrong}")
         if not self.sense.is_envelope and self.sample_rate_Hz < 4 * self.resonance_Hz:
             raise ValueError(
                 f"sample_rate_Hz: {self.sample_rate_Hz:g} gives fewer than 4 samples per cycle "
@@ -183,6 +188,12 @@ class Device(Section):
     def resonance_rad_s(self) -> float:
         """The same in rad/s."""
         return 2 * math.pi * self.resonance_Hz
+
+    @property
+    def known(self) -> dict[str, Known]:
+        """Standard uncertainty of each constant behind the angle, by name, the sense interface's with them."""
+        resonance = self.resonance_rad_s
+        return self.calibration.known(resonance, self.sense.interface.uncertain(self.axes, resonance, self.amplitude_m))
 
     @property
     def stiffness_per_s2(self) -> tuple[float, ...]:
@@ -209,13 +220,6 @@ class Device(Section):
             return Fraction(1)
         newton = Fraction(1) if unit == "N" else self.drive.gain_N_per_V
         return None if newton is None else Fraction(newton) / Fraction(self.mass_kg)
-
-    @property
-    def drive_mps2_per_unit(self) -> float:
-        """Force per mass for a drive value of one `[device.drive] unit`, signed."""
-        scale = self.drive_mps2_per(self.drive.unit)
-        assert scale is not None  # a volt has its force: `Drive` refuses one without
-        return float(scale)
 
     @property
     def drive_full_scale_mps2(self) -> Fraction:

@@ -25,10 +25,17 @@ class FieldUnit(NamedTuple):
 _DEGREES = 180.0 / math.pi
 FIELD_UNITS = (  # the longest end first: one is the end of another
     FieldUnit("_rad_s_per_rts", "_dps_per_rts", _DEGREES, "°/s per √s"),
+    FieldUnit("_rad_s_per_rts", "_deg_per_h_per_rth", _DEGREES * 3600.0 * 60.0, "°/h per √h"),
+    FieldUnit("_rad_s_per_K", "_deg_per_h_per_K", _DEGREES * 3600.0, "°/h per K"),
+    FieldUnit("_rad_per_rts", "_deg_per_rth", _DEGREES * 60.0, "°/√h"),
+    FieldUnit("_rel_per_K", "_ppm_per_K", 1e6, "ppm/K"),
     FieldUnit("_V_s_per_rad", "_V_per_dps", 1.0 / _DEGREES, "V per °/s"),
+    FieldUnit("_rad_s2", "_deg_per_h2", _DEGREES * 3600.0**2, "°/h per h"),
     FieldUnit("_rad_s", "_dps", _DEGREES, "°/s"),
+    FieldUnit("_rad_s", "_deg_per_h", _DEGREES * 3600.0, "°/h"),
     FieldUnit("_rad", "_deg", _DEGREES, "°"),
     FieldUnit("_u", "_u_ppm", 1e6, "ppm"),
+    FieldUnit("_rel", "_ppm", 1e6, "ppm"),
 )
 
 
@@ -40,16 +47,18 @@ class OtherKey(NamedTuple):
     symbol: str
 
 
-def other_key(key: str) -> OtherKey | None:
+def other_keys(key: str) -> tuple[OtherKey, ...]:
     """How else `key` may be given.
 
-    >>> other_key("rate_rad_s").name, other_key("clock_u").name, other_key("memory_s")
-    ('rate_dps', 'clock_u_ppm', None)
+    >>> [other.name for other in other_keys("rate_rad_s")], other_keys("memory_s")
+    (['rate_dps', 'rate_deg_per_h'], ())
     """
-    for unit in FIELD_UNITS:
-        if key.endswith(unit.end):
-            return OtherKey(key.removesuffix(unit.end) + unit.other, unit.per_model_unit, unit.symbol)
-    return None
+    end = next((unit.end for unit in FIELD_UNITS if key.endswith(unit.end)), None)
+    return tuple(
+        OtherKey(key.removesuffix(unit.end) + unit.other, unit.per_model_unit, unit.symbol)
+        for unit in FIELD_UNITS
+        if unit.end == end
+    )
 
 
 def in_model_units(table: Mapping[str, Any], fields: Mapping[str, FieldInfo]) -> dict[str, Any]:
@@ -59,15 +68,16 @@ def in_model_units(table: Mapping[str, Any], fields: Mapping[str, FieldInfo]) ->
     """
     converted = dict(table)
     for key, field in fields.items():
-        other = other_key(key)
-        if other is None or other.name not in converted:
-            continue
-        if key in converted:
-            raise ValueError(f"{key}, {other.name}: one quantity in two units; give one of them")
-        value = converted.pop(other.name)
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise ValueError(f"{other.name}: expected a number, not {value!r:.40}")
-        converted[key] = _within(value / other.per_model_unit, field, f"{other.name}: {value:g} ({key} = {{:g}})")
+        given = key if key in converted else None
+        for other in other_keys(key):
+            if other.name not in converted:
+                continue
+            if given is not None:
+                raise ValueError(f"{given}, {other.name}: one quantity in two units; give one of them")
+            given, value = other.name, converted.pop(other.name)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                raise ValueError(f"{other.name}: expected a number, not {value!r:.40}")
+            converted[key] = _within(value / other.per_model_unit, field, f"{other.name}: {value:g} ({key} = {{:g}})")
     return converted
 
 

@@ -4,6 +4,8 @@ from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
 
+from hil.bench.classic import Loops, Mode
+from hil.bench.data_sheet import with_sheet_limits
 from hil.bench.section import Fraction, NotNegative, Plugin, Positive, Section
 from hil.records.run_name import RUN_NAME, checked_name
 
@@ -20,6 +22,17 @@ class Link(Section):
     mode: three blocks) where those last longer"""
     timeout_s: Positive = 2.0
     """how long the host waits for an answer to a command"""
+
+
+class Reference(Section):
+    """A sold gyro on the same table, recorded beside a run by a process of its own; `hil run --reference LINK`."""
+
+    link: str | None = None
+    """where it speaks, as `hil record` takes it: serial:PORT, can:NAME, iio:HOST, or NAME:PLACE with its protocol"""
+    axis: str = "z"
+    """its axis that turns as the device does"""
+    sign: Literal[-1, 1] = 1
+    """-1 where it is mounted the other way about"""
 
 
 class Loop(Section):
@@ -98,8 +111,12 @@ class Controller(Section):
     plugin: Plugin = None
     """a controller of your own instead of the bench's, given as in [observer] plugin; if both keys have the same name,
     one instance does both"""
+    mode: Mode = "whole_angle"
+    """whole_angle: the source's control law; force_to_rebalance, mode_reversal, classic_whole_angle: phase, amplitude,
+    quadrature and rate loops on demodulated signals, which start the vibration from rest (table [controller.loops])"""
     target_stiffness_N_per_m: Positive | None = None
-    """stiffness of the controlled oscillator; without it the mean of kxx and kyy"""
+    """stiffness of the controlled oscillator; without it the mean of kxx and kyy, with [trim] control the smaller of
+    them"""
     energy_gain: NotNegative = 0.02
     """gain of the energy control, in units of the target frequency"""
     quadrature_gain: NotNegative = 0.01
@@ -121,8 +138,11 @@ class Controller(Section):
     """frequency of these steps"""
     force_limit_mps2: Positive | None = None
     """largest commanded force per mass; without it the drive's full scale"""
+    loops: Loops = Loops()
+    """table [controller.loops]"""
 
 
+@with_sheet_limits
 class Limits(Section):
     """Limits that decide the verdict and the exit code of a run."""
 

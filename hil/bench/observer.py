@@ -79,7 +79,8 @@ class Observer(Section):
     """c: compiled; numpy, filterpy: slow reference implementations of the same model"""
     plugin: Plugin = None
     """an observer of your own instead of the bench's: FILE.py:CLASS, FILE.so, or a name from an installed package; a
-    file is looked for in the folder of the bench file, then in the working directory"""
+    file is looked for in the folder of the bench file, then in the working directory. slow_flow: one that comes with
+    the bench, on demodulated blocks of whole cycles, for a twentieth of the time"""
     initial_sd: InitialSd = InitialSd()
     """table [observer.initial_sd]"""
     initial: Initial = Initial()

@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from hil.bench.data_sheet import SensorLimits
 from hil.bench.section import NotNegative, Positive, Section
 
 
@@ -37,3 +38,5 @@ class RateSensorBench(Section):
 
     device: RateSensor
     """table [device]"""
+    limits: SensorLimits = SensorLimits()
+    """table [limits]"""

@@ -14,7 +14,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema
 
-from hil.bench.field_units import in_model_units, other_key
+from hil.bench.field_units import in_model_units, other_keys
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
@@ -46,8 +46,7 @@ class Section(BaseModel):
     @classmethod
     def other_keys(cls) -> dict[str, str]:
         """Keys that the table takes beside its fields, each with the field that it stands for."""
-        others = ((other_key(name), name) for name in cls.model_fields)
-        return {other.name: name for other, name in others if other is not None}
+        return {other.name: name for name in cls.model_fields for other in other_keys(name)}
 
     @model_validator(mode="before")
     @classmethod
@@ -59,10 +58,12 @@ class Section(BaseModel):
         schema = handler(core)
         table = handler.resolve_ref_schema(schema)
         for name in cls.model_fields:
-            if (other := other_key(name)) is not None and name in table.get("properties", {}):
-                offer_instead(
-                    table, name, {other.name: {"type": "number", "description": f"`{name}` in {other.symbol}"}}
-                )
+            others = {
+                other.name: {"type": "number", "description": f"`{name}` in {other.symbol}"}
+                for other in other_keys(name)
+            }
+            if others and name in table.get("properties", {}):
+                offer_instead(table, name, others)
         return schema
 
 

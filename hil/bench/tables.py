@@ -6,10 +6,11 @@ from fractions import Fraction
 from pydantic import Field
 
 from hil.bench.device import Device
-from hil.bench.loop import Controller, Limits, Link, Loop
+from hil.bench.loop import Controller, Limits, Link, Loop, Reference
 from hil.bench.observer import Observer
 from hil.bench.own import Effects
 from hil.bench.section import Section
+from hil.bench.trim import Trim
 
 _WATCHDOG_S, _MEMORY_S, _MEMORY_CYCLES = 0.02, 1.0, 10.0  # where a bench file says nothing
 
@@ -21,6 +22,8 @@ class Tables(Section):
     """table [link]"""
     device: Device
     """table [device]"""
+    reference: Reference = Reference()
+    """table [reference]"""
     loop: Loop = Loop()
     """table [loop]"""
     observer: Observer = Observer()
@@ -29,6 +32,8 @@ class Tables(Section):
     """table [controller]"""
     limits: Limits = Limits()
     """table [limits]"""
+    trim: Trim = Trim()
+    """table [trim]"""
     effects: Effects = Field(default_factory=lambda: Effects.model_validate({}))
     """Effects that the base model lacks and that the observer includes: one table per effect with initial values of its
     coefficients, in SI per unit mass (0 where not given). The effects and their coefficients are in effects.md."""
@@ -61,13 +66,18 @@ class Tables(Section):
         """Stiffness of the controlled oscillator per unit mass, 1/s²; its root is the scale of time."""
         device, target = self.device, self.controller.target_stiffness_N_per_m
         diagonal = device.stiffness_N_per_m[: device.axes]
-        return (sum(diagonal) / len(diagonal) if target is None else target) / device.mass_kg
+        if target is None:
+            target = min(diagonal) if self.trim.control else sum(diagonal) / len(diagonal)
+        return target / device.mass_kg
 
     @property
     def swing_V(self) -> tuple[float, ...]:
         """Declared amplitude at the sense output of each axis, whatever it senses."""
-        per_m = math.sqrt(self.target_stiffness_per_s2) ** self.device.sense.order * self.device.amplitude_m
-        return tuple(abs(gain) * per_m for gain in self.device.sense_gains_V_per_m)
+        device, omega0 = self.device, math.sqrt(self.target_stiffness_per_s2)
+        per_m, sense = omega0**device.sense.order, device.sense.interface.map(device.axes, omega0)
+        ends = ([-device.amplitude_m, device.amplitude_m],) * device.axes
+        shown = [float(abs(sense.shown(axis, both)).max()) for axis, both in enumerate(ends)]
+        return tuple(abs(gain) * per_m * m for gain, m in zip(device.sense_gains_V_per_m, shown, strict=True))
 
     @property
     def drive_limit_mps2(self) -> Fraction:

@@ -6,7 +6,7 @@ from typing import Any
 from pydantic.fields import FieldInfo
 
 from hil.bench.bench import Bench
-from hil.bench.field_units import other_key
+from hil.bench.field_units import other_keys
 from hil.bench.own import own_table
 from hil.bench.section import Section
 from hil.bench.text import keys, meaning, others, sections
@@ -18,11 +18,13 @@ Values = Mapping[str, Mapping[str, Any]]
 EFFECTS, CUSTOM = "effects", "effects.custom"
 IN_MPS2: Mapping[str, Any] = {"unit": "mps2", "gain_N_per_V": None}
 """Keys of [device.drive] that go with a full scale in m/s², as a board states it."""
+NO_REMARKS: Mapping[tuple[str, str], str] = {}
 _COLUMN = 44  # where the remarks begin
 
 
-def template(known: Values, heading: str) -> str:
-    """A bench file with ``known`` values by section (``device.drive``) and key, and a first remark.
+def template(known: Values, heading: str, remarks: Mapping[tuple[str, str], str] = NO_REMARKS) -> str:
+    """A bench file with ``known`` values by section (``device.drive``) and key, and a first remark; `remarks`: what is
+    said of a key, by section and key, before its meaning.
 
     Keys that are not known stand as remarks: optional ones with their default, required ones to be filled in.
     """
@@ -31,17 +33,18 @@ def template(known: Values, heading: str) -> str:
         lines += ["", f"[{path}]"]
         given = known.get(path, {})
         for key, field in keys(model):
+            said = f"{remarks[path, key]}; " if (path, key) in remarks else ""
             if given.get(key) is not None:
-                lines.append(_remarked(f"{key} = {toml_value(given[key])}", meaning(field)))
-            elif (other := other_key(key)) is not None and given.get(other.name) is not None:
-                lines.append(_remarked(f"{other.name} = {toml_value(given[other.name])}", meaning(field)))
+                lines.append(_remarked(f"{key} = {toml_value(given[key])}", said + meaning(field)))
+            elif other := next((one.name for one in other_keys(key) if given.get(one.name) is not None), ""):
+                lines.append(_remarked(f"{other} = {toml_value(given[other])}", meaning(field)))
             elif _in_another_way(model, key, given):
                 lines.append(_remarked(f"# {key} =", f"given below: {meaning(field)}"))
             elif field.is_required():
                 lines.append(_remarked(f"# {key} =", _required(key, field)))
             else:
                 default = "" if field.default is None else f" {toml_value(field.default)}"
-                lines.append(_remarked(f"# {key} ={default}", meaning(field)))
+                lines.append(_remarked(f"# {key} ={default}", said + meaning(field)))
         for name, told in others(model):
             if name in given:
                 lines.append(_remarked(f"{name} = {toml_value(given[name])}", told))

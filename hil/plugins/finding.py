@@ -1,7 +1,8 @@
 """From the name in a bench file to the plug-in behind it.
 
-`mine.py:MyObserver` is a class in a file, `mine.so` a library compiled with gyro_plugin.h, and any other name that of
-an installed package's entry point, of the group `hil.observers` or `hil.controllers`:
+`mine.py:MyObserver` is a class in a file, `mine.so` a library compiled with gyro_plugin.h, `mine.npz` a table of
+drives, and any other name that of an installed package's entry point, of the group `hil.observers` or
+`hil.controllers`:
 
     [project.entry-points."hil.observers"]
     mine = "my_package:MyObserver"
@@ -17,36 +18,45 @@ from pathlib import Path
 from typing import Any, Literal
 
 from hil.bench import Bench
+from hil.bench.classic import PLUGIN
 from hil.errors import InputError
 from hil.errors.package import loaded
 from hil.errors.strict_toml import suggestion
 
 Kind = Literal["observer", "controller"]
+SHIPPED = {name: Path(__file__).with_name("native") / f"lib{name}.so.1" for name in (PLUGIN, "slow_flow")}
+"""Plug-ins that come with the bench."""
 GROUPS: dict[Kind, str] = {"observer": "hil.observers", "controller": "hil.controllers"}
+TABLE = ".npz"
+"""How the name of a drive table ends (`hil.plugins.drive_table`)."""
 METHODS: dict[Kind, str] = {"observer": "observe", "controller": "control"}
 _WORDS = 200
 
 
 def is_file(name: str) -> bool:
     """Whether a plug-in's name is that of a file, rather than of an entry point."""
-    return ".py:" in name or name.endswith((".so", ".py")) or "/" in name
+    return ".py:" in name or name.endswith((".so", ".py", TABLE)) or "/" in name
 
 
 def called(kind: Kind, name: str) -> str:
-    """A plug-in as messages call it: by the last part of its path."""
+    """A plug-in as messages call it: by the last part of its path; one that a mode brings by that key."""
+    if name == PLUGIN:
+        return "[controller] mode"
     return f"[{kind}] plugin {name.rpartition('/')[2]}"
 
 
 def found(kind: Kind, name: str) -> Callable[..., Any] | Path:
     """The class of a plug-in, or the path of its library.  Raises InputError, one line."""
     asked = called(kind, name)
-    if name.endswith(".so"):
+    if name.endswith((".so", TABLE)):
         return _existing(asked, name)
     file, colon, attribute = name.rpartition(":")
     if colon and file.endswith(".py"):
         return _class(asked, kind, _attribute(asked, _existing(asked, file), attribute))
     if is_file(name):
         raise InputError(f"{asked}: expected FILE.py:CLASS, FILE.so or the name of an installed plug-in")
+    if name in SHIPPED:
+        return _existing(asked, str(SHIPPED[name]))
     known = {entry.name: entry for entry in entry_points(group=GROUPS[kind])}
     if name not in known:
         there = suggestion(name, sorted(known)) if known else "no installed package brings one"

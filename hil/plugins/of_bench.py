@@ -1,15 +1,19 @@
 """The observer that a bench file asks for: the bench's own, or one with plug-ins in it."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from hil.bench import Bench, override
+from hil.bench.classic import PLUGIN
 from hil.errors import InputError
 from hil.inputs.captured import control_of
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of, recorded_device_of
-from hil.plugins.finding import Kind, called
-from hil.plugins.parts import PluginPart, part_of
+from hil.plugins.drive_table import DriveTable
+from hil.plugins.finding import TABLE, Kind, called, found
+from hil.plugins.parts import CARRIER, Compiled, InPython, PluginPart
 from hil.plugins.plugged import Plugged, PluggedController, PluggedObserver
 from hil.records.capture import Capture
 from hil.wire.messages import Identity
@@ -27,12 +31,26 @@ def plugins_of(bench: Bench) -> dict[Kind, str]:
     return {kind: name for kind, name in named.items() if name is not None}
 
 
-def parts_of(named: dict[Kind, str]) -> list[PluginPart]:
-    """Each plug-in, made ready; one that is named twice is one."""
+def part_of(kinds: Sequence[Kind], name: str) -> PluginPart:
+    """The plug-in of a name, in the places where it is named.  Raises InputError, one line."""
+    behind = found(kinds[0], name)
+    for kind in kinds[1:]:  # the same class has to have both methods
+        found(kind, name)
+    if not isinstance(behind, Path):
+        return InPython(kinds, name, behind)
+    return (DriveTable if behind.suffix == TABLE else Compiled)(kinds, name, behind)
+
+
+def parts_of(bench: Bench, named: dict[Kind, str]) -> list[PluginPart]:
+    """Each plug-in, made ready, with its options; one that is named twice is one."""
     places: dict[str, list[Kind]] = {}
     for kind, name in named.items():
         places.setdefault(name, []).append(kind)
-    return [part_of(kinds, name) for name, kinds in places.items()]
+    parts = [part_of(kinds, name) for name, kinds in places.items()]
+    for part in parts:
+        if part.name == PLUGIN:
+            part.options = bench.controller.loops.options(bench.controller.mode)
+    return parts
 
 
 def require_supported(bench: Bench) -> None:
@@ -68,7 +86,7 @@ def observer_of(
         return Observer(device, settings, controller)
     require_supported(bench)
     kind = PluggedObserver if "observer" in named else PluggedController
-    return kind(device, settings, controller, parts_of(named))
+    return kind(device, settings, controller, parts_of(bench, named))
 
 
 def recorded_observer(bench: Bench, record: Capture) -> Observer:
@@ -85,9 +103,13 @@ def recorded_observer(bench: Bench, record: Capture) -> Observer:
     known = control_of(driven, record)
     assert known is not None
     control = replace(known, sense_quantum=scales[0] or _FINEST, force_quantum=scales[1] or _FINEST)
-    return PluggedObserver(
-        recorded_device_of(bench, record), observer_settings_of(bench), control, parts_of({"observer": name})
-    )
+    (part,) = parts_of(bench, {"observer": name})
+    if record.carrier_Hz is not None:
+        part.options = {**part.options, CARRIER: record.carrier_Hz}
+    shown = recorded_device_of(bench, record)
+    device = replace(shown, sample_rate=bench.device.sample_rate_Hz)  # whose cycles an observer of samples can follow
+    streams = None if record.carrier_Hz is None else shown
+    return PluggedObserver(device, observer_settings_of(bench), control, [part], streams)
 
 
 def loop_observer(bench: Bench, identity: Identity) -> Observer:

@@ -1,25 +1,40 @@
 """A plug-in made ready to be called from C: one in C by its own functions, one in Python by callbacks."""
 
 import ctypes
+import math
 import struct
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hil.errors import InputError
 from hil.plugins import native
-from hil.plugins.finding import METHODS, Kind, called, found, said
+from hil.plugins.finding import METHODS, Kind, called, said
 from hil.plugins.native import CONTROL, OBSERVE, Fault, Part, PluginState
 from hil.plugins.protocol import DeclaredDevice, Drive, Estimate
 
+_FIGURES = 100
+_double = ctypes.c_double
 _FUNCTIONS: dict[Kind, str] = {"observer": "gyro_plugin_observe", "controller": "gyro_plugin_control"}
 _SAMPLE = struct.Struct("q5d").unpack_from
 _SINGLES = 12
 _MOTION = ("x", "vx", "y", "vy")
+CARRIER = "carrier_Hz"
+"""The option by which a plug-in takes demodulated streams."""
+_LACKING = {CARRIER: ", so that it takes samples, no demodulated streams; use slow_flow"}
+
+
+class Named(NamedTuple):
+    """A figure that a plug-in tells of itself, beside the limit that it had, where it had one."""
+
+    name: str
+    value: float
+    unit: str
+    limit: float | None
 
 
 class PluginPart(ABC):
@@ -27,6 +42,7 @@ class PluginPart(ABC):
 
     Attributes:
         size: bytes of the instance that it is lent.
+        options: numbers of its own that the bench file gives it.
         raised: what it raised, in Python.
     """
 
@@ -36,6 +52,7 @@ class PluginPart(ABC):
     def __init__(self, kinds: Sequence[Kind], name: str) -> None:
         self.kinds, self.name = tuple(kinds), name
         self.raised: BaseException | None = None
+        self.options: Mapping[str, float] = {}
 
     @property
     def called(self) -> str:
@@ -45,6 +62,14 @@ class PluginPart(ABC):
     @abstractmethod
     def address(self, kind: Kind) -> int:
         """Of the function that does it."""
+
+    def why(self) -> str:
+        """Why it cannot go on, as it says itself; empty where it does not."""
+        return ""
+
+    def figures(self) -> list[Named]:
+        """What it tells of itself at the end of a run."""
+        return []
 
     @abstractmethod
     def begin(self, state: PluginState, at: int, device: DeclaredDevice, names: Sequence[str]) -> None:
@@ -81,12 +106,32 @@ class Compiled(PluginPart):
     def address(self, kind: Kind) -> int:
         return ctypes.cast(getattr(self._library, _FUNCTIONS[kind]), ctypes.c_void_p).value or 0
 
+    def why(self) -> str:
+        if not hasattr(self._library, "gyro_plugin_why"):
+            return ""
+        self._library.gyro_plugin_why.restype = ctypes.c_char_p
+        return _line(self._library.gyro_plugin_why(ctypes.c_void_p(self._instance)))
+
+    def figures(self) -> list[Named]:
+        if not hasattr(self._library, "gyro_plugin_figure"):
+            return []
+        told, figures = native.Named(), list[Named]()
+        while len(figures) < _FIGURES and self._library.gyro_plugin_figure(
+            ctypes.c_void_p(self._instance), len(figures), ctypes.byref(told)
+        ):
+            limit = None if math.isnan(told.limit) else told.limit
+            figures.append(Named(_line(told.name)[:31], told.value, _line(told.unit)[:15], limit))
+        return figures
+
     def begin(self, state: PluginState, at: int, device: DeclaredDevice, names: Sequence[str]) -> None:
+        self._instance = state.lent[at].at
+        for name, value in self.options.items():
+            if not self._library.gyro_plugin_option(ctypes.c_void_p(self._instance), name.encode(), _double(value)):
+                raise InputError(f"{self.called}: it has no option {name}{_LACKING.get(name, '')}")
         part = Part.OBSERVE if "observer" in self.kinds else Part.CONTROL
         why = native.library().plugin_init(ctypes.byref(state), self._library.gyro_plugin_init, at, part)
         if why is not None:
-            words = " ".join(why.decode("utf-8", "replace").split())
-            raise InputError(f"{self.called}: {words or 'it does not take this device'}")
+            raise InputError(f"{self.called}: {_line(why) or 'it does not take this device'}")
 
 
 class InPython(PluginPart):
@@ -105,6 +150,8 @@ class InPython(PluginPart):
 
     def begin(self, state: PluginState, at: int, device: DeclaredDevice, names: Sequence[str]) -> None:
         self._state, self.raised = state, None
+        for name in self.options:
+            raise InputError(f"{self.called}: a class has no option {name}{_LACKING.get(name, '')}")
         try:
             self._instance = self._make(device)
         except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever another's class does
@@ -145,7 +192,10 @@ class InPython(PluginPart):
         for name, value in values.items():
             if name not in self._at:
                 raise ValueError(f"{what} has {name!r}, known are {', '.join(self._names)}")
-            self._said[self._at[name] + beyond] = _number(f"{what}[{name!r}]", value)
+            number = _number(f"{what}[{name!r}]", value)
+            if beyond == 0 and math.isnan(number) and self._state is not None:  # said, and no number: which is told
+                self._state.given |= 1 << (self._at[name] - _SINGLES)
+            self._said[self._at[name] + beyond] = number
 
     def _control(self, _: int, __: int, on: int, ___: int) -> None:
         assert self._state is not None
@@ -171,12 +221,8 @@ class InPython(PluginPart):
         )  # fmt: skip
 
 
-def part_of(kinds: Sequence[Kind], name: str) -> PluginPart:
-    """The plug-in of a name, in the places where it is named.  Raises InputError, one line."""
-    behind = found(kinds[0], name)
-    for kind in kinds[1:]:  # the same class has to have both methods
-        found(kind, name)
-    return Compiled(kinds, name, behind) if isinstance(behind, Path) else InPython(kinds, name, behind)
+def _line(words: bytes | None) -> str:
+    return " ".join((words or b"").decode("utf-8", "replace").split())
 
 
 def fault_words(state: PluginState, names: Sequence[str]) -> str:
@@ -186,7 +232,12 @@ def fault_words(state: PluginState, names: Sequence[str]) -> str:
         case Fault.LATE:
             return f"it took {value:.3g} s for a sample, {1e-9 * state.limit_ns:.3g} s are allowed"
         case Fault.NUMBER:
-            return f"{_entry(entry, names)} is {value:g}; it must be a finite number"
+            kind = "a finite number" if not np.isfinite(value) else "zero or more"
+            return f"{_entry(entry, names)} is {value:g}; it must be {kind}"
+        case Fault.ABSURD:
+            return f"{_entry(entry, names)} is {value:g}, a billion times what the declared device has; see to its unit"
+        case Fault.HELD:
+            return f"its motion has not changed over {value:g} periods, while the samples have"
         case Fault.BEYOND:
             limit = state.code_limit * state.device.drive_scale_mps2
             return f"{_entry(entry, names)} is {value:.6g} m/s², the limit is ± {limit:.6g}"
@@ -199,7 +250,10 @@ def fault_words(state: PluginState, names: Sequence[str]) -> str:
 
 
 def _entry(entry: int, names: Sequence[str]) -> str:
-    others = ("angle", "angle_u", "the drive on x", "the drive on y", "virtual_rotation")
+    others = (
+        "angle", "angle_u", "the drive on x", "the drive on y", "virtual_rotation", "innovation_deviation on x",
+        "innovation_deviation on y",
+    )  # fmt: skip
     if entry >= 2 * native.STATES:
         return others[entry - 2 * native.STATES]
     at = entry % native.STATES

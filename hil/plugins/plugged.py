@@ -6,6 +6,7 @@ records, scores or reports does not ask whose it is.
 
 import ctypes
 import math
+import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, ClassVar
@@ -20,11 +21,12 @@ from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
 from hil.errors import InputError
+from hil.numbers import with_and
 from hil.plugins import native
 from hil.plugins.errors import PluginError
 from hil.plugins.finding import METHODS
 from hil.plugins.native import Fault, Part, PluginState
-from hil.plugins.parts import PluginPart, fault_words
+from hil.plugins.parts import Named, PluginPart, fault_words
 from hil.plugins.protocol import DeclaredDevice
 
 _MOST_GROWTH = 1 << 29  # bytes that a run's process may take more than it had when it began
@@ -97,6 +99,8 @@ class Plugged(Observer):
 
     def begin_running(self) -> None:
         """From now on this process must not grow without bounds."""
+        if (arrow := sys.modules.get("pyarrow")) is not None:
+            arrow.allocate_buffer(1)  # at its first use it reserves a gigabyte, which is none of the plug-in's
         self._plugin.most_pages = _MOST_GROWTH // 4096
         self._native.plugin_remember(ctypes.byref(self._plugin))
 
@@ -119,6 +123,8 @@ class Plugged(Observer):
         state = self._plugin
         kind = "observer" if state.part == Part.OBSERVE else "controller"
         part = next((part for part in self.parts if kind in part.kinds), self.parts[0])
+        if state.fault == Fault.NUMBER and (why := part.why()):
+            return PluginError(f"{part.called}: {why}, at sample {self.samples}")
         if state.fault == Fault.RAISED and part.raised is not None:
             from hil.plugins.finding import said
 
@@ -126,6 +132,24 @@ class Plugged(Observer):
         else:
             what = fault_words(state, self.names)
         return PluginError(f"{part.called}: {what}, at sample {self.samples}")
+
+    @property
+    def remarks(self) -> list[str]:
+        """What it did that ends no run, a line each."""
+        state = self._plugin
+        names = [name for at, name in enumerate(self.names) if state.withdrawn >> at & 1]
+        if not names:
+            return []
+        part = next(part for part in self.parts if "observer" in part.kinds)
+        declared = "its declared value stands" if len(names) == 1 else "their declared values stand"
+        return [
+            f"{part.called}: gave NaN for {with_and(names)}, first at sample {state.withdrawn_at}; {declared} instead"
+        ]
+
+    @property
+    def figures(self) -> list[Named]:
+        """What its parts tell of themselves."""
+        return [figure for part in self.parts for figure in part.figures()]
 
     def _check(self) -> None:
         if self._plugin.fault:
@@ -183,12 +207,18 @@ class PluggedObserver(Plugged):
     """A plug-in's observer, with its own controller, another plug-in's, or the bench's.
 
     Its arrays are in SI; it has no covariance.  `own` follows it for the control law.
+    `streams`: the device as demodulated streams show it, whose rows are then taken.
     """
 
     HAS_COVARIANCE: ClassVar[bool] = False
 
     def __init__(
-        self, device: Device, settings: ObserverSettings, controller: ControllerSettings, parts: Sequence[PluginPart]
+        self,
+        device: Device,
+        settings: ObserverSettings,
+        controller: ControllerSettings,
+        parts: Sequence[PluginPart],
+        streams: Device | None = None,
     ) -> None:
         whole = replace(settings, variant=Variant.FULL, gain=Gain.EKF)
         super().__init__(device, whole, controller, parts)
@@ -202,6 +232,8 @@ class PluggedObserver(Plugged):
         state = self._plugin
         state.state, state.variance = self.x.ctypes.data, self._p.ctypes.data
         state.row = self._rows.ctypes.data
+        if streams is not None:
+            self.device, state.step_s = streams, 1.0 / streams.sample_rate
         self._begin(own)
 
     @property
@@ -249,6 +281,7 @@ class PluggedObserver(Plugged):
         truth: Array | None = None,
     ) -> Estimates:
         """As the observer's, of even steps. Raises InputError for others, PluginError where something is wrong with it.
+        Of demodulated streams sense and drive are (n, 4): x and y in phase, then both in quadrature.
 
         Calls go on from one another: `every` counts from the first sample of each.
         """
@@ -257,10 +290,12 @@ class PluggedObserver(Plugged):
         self._require_rows(len(sense), drive=drive)
         n, entries = len(sense), len(self.names)
         given = [np.ascontiguousarray(values, float) for values in (sense, drive)]
-        given[1] = np.ascontiguousarray(given[1].reshape(n, 2, -1)[:, :, 0] * self.device.drive_gain)
+        width = given[0].shape[1]
+        given[1] = np.ascontiguousarray(given[1].reshape(n, width, -1)[:, :, 0] * self.device.drive_gain)
         rows, states, deviations = np.zeros(n, OUTPUT), np.zeros((n // every, entries)), np.zeros((n // every, entries))
         filled: list[NDArray[Any]] = [*given, rows, states, deviations]
-        self._native.plugin_observe(ctypes.byref(self._plugin), n, every, *(array.ctypes.data for array in filled))
+        addresses = (array.ctypes.data for array in filled)
+        self._native.plugin_observe(ctypes.byref(self._plugin), n, width, every, *addresses)
         self._check()
         return self.estimates_of(np.arange(every - 1, n, every), states, deviations, rows)
 

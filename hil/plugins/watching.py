@@ -12,7 +12,6 @@ from hil.plugins.finding import Kind, called
 from hil.plugins.native import Death, Part, Watch
 from hil.plugins.of_bench import plugins_of
 
-_OUTPUT = 1
 _MORE = 1 << 30
 """Bytes of memory: twice what ends a run that grows bit by bit."""
 _PARTS: dict[Kind, Part] = {"observer": Part.OBSERVE, "controller": Part.CONTROL}
@@ -20,13 +19,13 @@ _CRASHES = {Death.SEGV: Signals.SIGSEGV, Death.BUS: Signals.SIGBUS, Death.FPE: S
             Death.ILL: Signals.SIGILL, Death.ABRT: Signals.SIGABRT}  # fmt: skip
 
 
-def watch(bench: Bench) -> None:
+def watch(bench: Bench, output: int) -> None:
     """From now on a plug-in of `bench` that crashes, ends this process, or goes on for twice as long as the host waits
-    for anything, is named on standard output, in a line of JSON; one that wants more memory than a run may have gets
-    none.
+    for anything, is named on the descriptor `output`, in a line of JSON; one that wants more memory than a run may have
+    gets none.
     """
     patience_s = 2.0 * bench.link.timeout_s
-    asked = Watch(fd=_OUTPUT, patience_ns=round(1e9 * patience_s))
+    asked = Watch(fd=output, patience_ns=round(1e9 * patience_s))
     deaths = {
         Death.BLOCKED: f"it did not come back within {patience_s:g} s; the loop's process was ended",
         Death.EXIT: "it ended the loop's process (exit)",

@@ -12,22 +12,24 @@ from estimator.backend import Backend, make_observer
 from estimator.errors import ModelError
 from estimator.gaps import observe
 from estimator.observer import Observer
-from hil.bench import Bench
-from hil.bench.by_verb import require_usable
+from hil.bench import Bench, override
+from hil.bench.by_verb import of_a_record, require_usable
 from hil.errors import InputError
 from hil.inputs.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
 from hil.inputs.declared import observer_settings_of, recorded_device_of
-from hil.loop.angle import ReportedAngle
-from hil.loop.live_settings import LiveSettings
-from hil.loop.run import RunResult, conclude, new_folder
-from hil.loop.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
+from hil.inputs.trimmed import Acts
 from hil.progress import Progress, Watcher
 from hil.records.atomic import replacing
 from hil.records.capture import Capture, read_capture
 from hil.records.changes import Change, note_change, read_changes
 from hil.records.occupied import occupied
-from hil.records.recorder import record_here
 from hil.records.runfolder import RunFolder
+from hil.records.trims import TRIMS, trims_beside
+from hil.running.angle import ReportedAngle
+from hil.running.live_settings import LiveSettings
+from hil.running.recorder import record_here
+from hil.running.run import RunResult, conclude, new_folder
+from hil.running.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
 
 _BLOCK = 1 << 14
 
@@ -41,10 +43,14 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     nothing is left then.
     """
     require_usable(bench, "replay")
-    record = read_capture(capture)
-    require_fit(record, bench, capture)
+    bench = of_a_record(bench)
+    record, bench = fitting(capture, bench)
     try:
         observer = _observer(backend or bench.observer.backend, bench, record)
+        trims = trims_beside(capture)
+        if trims is not None and (backend or bench.observer.backend) != "c":
+            raise InputError(f'{capture}: trim voltages changed the springs, which only backend = "c" follows')
+        trimmed = Acts(observer, bench, trims, record.tick_rate_Hz)
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     changes = read_changes(capture.parent)
@@ -52,16 +58,17 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
     with occupied(folder):
         with replacing(RunFolder(folder).capture_path) as part:
             shutil.copyfile(capture, part)
+        if trims is not None:
+            shutil.copyfile(capture.parent / TRIMS, folder / TRIMS)
         for change in changes:
             note_change(folder, change.tick, change.settings)
         try:
-            _estimate(record, bench, observer, changes, folder, progress)
+            _estimate(record, bench, observer, changes, trimmed, folder, progress)
         except ModelError as error:  # of the record itself: a step too long for the flow
             shutil.rmtree(folder)
             raise InputError(f"{capture}: {error}") from None
     stopped = "" if record.complete else "the record was interrupted"
-    old = () if record.sealed else ("the record is from before there were checksums: a changed bit would not show",)
-    conclude(folder, bench, {"stopped": stopped, "refused": old}, link=None, note=None, progress=progress)
+    conclude(folder, bench, {"stopped": stopped}, link=None, note=None, progress=progress)
     return RunResult(folder, {})
 
 
@@ -74,6 +81,17 @@ def _observer(backend: Backend, bench: Bench, record: Capture) -> Observer:
     from hil.plugins.of_bench import recorded_observer
 
     return recorded_observer(bench, record)
+
+
+def fitting(place: Path, bench: Bench) -> tuple[Capture, Bench]:
+    """The record at `place`, and the bench as it reads it: demodulated streams by `slow_flow`, unless it names a
+    plug-in.  Raises InputError as `require_fit`.
+    """
+    record = read_capture(place)
+    require_fit(record, bench, place)
+    if record.carrier_Hz is None or bench.observer.plugin is not None:
+        return record, bench
+    return record, override(bench, {"observer": {"plugin": "slow_flow"}}, str(place))
 
 
 def require_fit(record: Capture, bench: Bench, place: Path) -> None:
@@ -98,7 +116,7 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
             f"{place}: sensed in {record.sense_unit}, but [device.sense] unit = {device.sense.unit!r}; "
             f'set unit = "{record.sense_unit}" with gain and noise in it, or give its own bench file'
         )
-    if record.uniform and abs(record.tick_rate_Hz / device.sample_rate_Hz - 1.0) > 1e-3:
+    if record.uniform and record.carrier_Hz is None and abs(record.tick_rate_Hz / device.sample_rate_Hz - 1.0) > 1e-3:
         raise InputError(
             f"{place}: recorded at {record.tick_rate_Hz:g} Hz, but [device] sample_rate_Hz = "
             f"{device.sample_rate_Hz:g}; correct the bench file"
@@ -108,7 +126,13 @@ def require_fit(record: Capture, bench: Bench, place: Path) -> None:
 
 
 def _estimate(
-    record: Capture, bench: Bench, observer: Observer, changes: Sequence[Change], folder: Path, progress: Watcher
+    record: Capture,
+    bench: Bench,
+    observer: Observer,
+    changes: Sequence[Change],
+    trimmed: Acts,
+    folder: Path,
+    progress: Watcher,
 ) -> None:
     layouts = observer_layouts(observer, bench)
     every, reported = bench.loop.estimate_every, ReportedAngle(bench)
@@ -125,6 +149,7 @@ def _estimate(
             while due and due[0].tick <= tick[-1]:
                 change = due.popleft()
                 acts.append((int(np.searchsorted(tick, change.tick)), partial(_apply, settings, change)))
+            acts = sorted([*acts, *trimmed.due(tick)], key=lambda act: act[0])
             gaps = gaps_of(samples, drives)
             estimates = observe(observer, sense, drive, gaps, step=step, every=every, acts=acts)
             recording["innovation"].push(innovation_rows(layouts["innovation"], tick, estimates))

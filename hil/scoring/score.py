@@ -54,6 +54,8 @@ def score(run: Path, truth_file: Path) -> Result:
     truth = truth_in(truth_file)
     if folder.estimates is None:
         raise InputError(f"{folder.estimates_path}: not there; replay the capture first")
+    if folder.capture is not None and folder.capture.carrier_Hz is not None:
+        truth = truth.on(folder.estimates.tick_rate_Hz, truth_file)
     remarks = require_same_run(folder, truth, truth_file)
     before = folder.result or summarise(folder)
     last_s = folder.estimates.ends[1] / folder.estimates.tick_rate_Hz if len(folder.estimates) else 0.0
@@ -398,5 +400,4 @@ def _held(estimates: Estimates, truth: Truth, window: Window) -> dict[str, int]:
 def _stiffness_per_s2(estimates: Estimates, truth: Truth) -> float:
     """The target stiffness the loop was told to make, or else the mean of the true ones."""
     stated = estimates.header.get("target_stiffness_per_s2")
-    constants = truth.constants
-    return float(stated) if stated else (constants["kxx_per_s2"] + constants["kyy_per_s2"]) / 2
+    return float(stated) if stated else float(np.mean(truth.header["stiffness_per_s2"][:2]))

@@ -6,7 +6,7 @@ lacking.
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -62,23 +62,42 @@ def budget(
     deviation = float(ends[1]["angle_sd_rad"][0])
     angle = _angle(scored, bench)
     if angle is None or not math.isfinite(deviation):
-        return _NOTHING
+        not_given = angle is not None and math.isnan(deviation) and "observer" in estimates.header.get("plugins", {})
+        return Budget(angle, None, None, ()) if not_given else _NOTHING
     sources = Sources(bench)
-    course = _course(*ends, sources)
+    rows = contributions(bench, sources, deviation, _course(*ends, sources), information, scan)
+    total = combined(rows)
+    return Budget(angle, total, COVERAGE * total, tuple(rows))
+
+
+def combined(rows: Sequence[Contribution]) -> float:
+    """Standard uncertainty [rad] of an angle by its budget."""
+    return math.sqrt(sum(row.contribution_rad**2 for row in rows))
+
+
+def contributions(
+    bench: Bench,
+    sources: Sources,
+    deviation: float,
+    course: SinceZero,
+    information: "Information | None" = None,
+    scan: Scan | None = None,
+) -> list[Contribution]:
+    """The rows of an angle's budget, the largest first: deviation [rad] is that by estimation, `course` what happened
+    since the angle was zero; `information` and `scan` as of `budget`.
+    """
     declared = {source: math.sqrt(each) for source, each in sources.variances(deviation, course).items()}
     found = [] if scan is None else [*scan.lacks, *scan.harmless]
     strange = [item for item in found if not _constants_of(item)]
     if information is not None and (scan is None or _holds(scan, strange)):
-        known = bench.device.calibration.known(bench.device.resonance_rad_s)
+        known = bench.device.known
         remains = _left(information, {name: item.u for name, item in known.items()})
         left = {source_of(name): contribution for name, contribution in remains.items()}
         beyond = _beyond(bench, information if strange else replace(information, found=None))
     else:  # of a model that lacks something a scan is a rough guide: what is declared counts whole, and what it found
         left, beyond = {}, _lacking(strange)
     rows = [*_rows(bench, sources, course, declared, left, _measured(found)), *beyond]
-    total = math.sqrt(sum(row.contribution_rad**2 for row in rows))
-    rows.sort(key=lambda row: -row.contribution_rad)
-    return Budget(angle, total, COVERAGE * total, tuple(rows))
+    return sorted(rows, key=lambda row: -row.contribution_rad)
 
 
 def _holds(scan: Scan, strange: list[Lacking]) -> bool:
@@ -118,9 +137,10 @@ def _angle(scored: Estimates, bench: Bench) -> Angle | None:
             last, squares = moved[:, -1], squares + float(np.sum((moved[1] - moved[0]) ** 2))
     if not math.isfinite(squares):
         return None
-    pattern = scored.header.get("angle") != "rate"
+    # Of a plug-in nobody knows what it takes off for drive forces.
+    pattern = scored.header.get("angle") != "rate" and "observer" not in scored.header.get("plugins", {})
     return Angle(
-        kind="pattern" if pattern else "rate",
+        kind="pattern" if scored.header.get("angle") != "rate" else "rate",
         why=formula_of(bench).why,
         rad=float(last[0]),
         plain_rad=float(last[2]) if pattern else None,
@@ -155,11 +175,12 @@ def _rows(
     of one that it found to be off, what that does.
     """
     words = _words(course)
-    constants = bench.device.calibration.known(bench.device.resonance_rad_s)
+    constants = bench.device.known
     known = {source_of(name): item for name, item in constants.items()}
     rows = []
     for source, contribution in declared.items():
-        value, unit, assumed, how = contribution, "rad", False, _COVARIANCE
+        value, unit, assumed = contribution, "rad", False
+        how = _COVARIANCE if bench.observer.plugin is None else _GIVEN
         if source == DAMPING:
             assert sources.damping_sd_per_s is not None
             value, unit = sources.damping_sd_per_s, "1/s"
@@ -186,6 +207,7 @@ def _rows(
     return rows
 
 
+_GIVEN = "1: as the plug-in gives it"
 _COVARIANCE = "1: covariance of the estimate, and of the constants used to subtract the turn by drive forces"
 
 
@@ -197,6 +219,7 @@ def _words(course: SinceZero) -> Mapping[str, str]:
     return {
         "drive gain": f"of each axis × half the turn by drive forces, {forced}",
         "sense gain ratio": f"× half the turn by drive forces, {forced}, and half a radian at the sense output",
+        "sense interface": f"of each axis' amplitude × half the turn by drive forces, {forced}, and half a radian",
         "drive misalignment": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
         "sense cross coupling": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
         "drive delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",

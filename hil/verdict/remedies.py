@@ -29,9 +29,9 @@ def remedy(row: Contribution, bench: Bench) -> Remedy:
     """The setting, or the act, that lowers a row.  A constant that is off turns the pattern before it is turned back:
     only what is merely uncertain at the end cancels in a reversal.
     """
-    controller = bench.controller
+    controller, plugged = bench.controller, bench.controller.plugin is not None
     one_way = controller.virtual_rotation_rad_s != 0.0 and controller.virtual_reversal_s == 0.0
-    if row.source in ("drive gain", "sense gain ratio", "clock") and one_way and not row.found:
+    if row.source in ("drive gain", "sense gain ratio", "clock") and one_way and not row.found and not plugged:
         period = _there_and_back(bench)
         return Remedy(
             f"set [controller] virtual_reversal_s = {period:g}, so that a gain error cancels, and run again",
@@ -51,7 +51,7 @@ def remedy(row: Contribution, bench: Bench) -> Remedy:
 
 def _there_and_back(bench: Bench) -> float:
     """A period of the reversal, s, by which the scored window turns as far back as there, by no more than half a turn
-    at a time: what a gain does to the one is then undone by the other.
+    at a time: what a gain does to the one is then cancelled by the other.
     """
     scored = bench.loop.duration_s - bench.loop.settle_s
     longest = abs(math.pi / bench.controller.virtual_rotation_rad_s)
@@ -60,7 +60,7 @@ def _there_and_back(bench: Bench) -> float:
 
 def _estimation(bench: Bench) -> Remedy:
     walk = bench.observer.process_noise.rate_rad_s_per_rts
-    if walk == 0.0:
+    if walk == 0.0 or bench.observer.plugin is not None:  # which makes its uncertainty by itself
         return Remedy("vibrate with a larger [device] amplitude_m, as far as the device allows, and run again")
     slower = _rounded(walk / _SLOWER)
     return Remedy(
@@ -80,7 +80,7 @@ def _excitation(bench: Bench) -> Remedy:
             {"controller": {"enabled": True}},
         )
     rate = _rounded(2.0 * abs(controller.virtual_rotation_rad_s) or _TURNED * omega)
-    if 2.0 * rate * omega * bench.device.amplitude_m > 0.5 * bench.drive_limit_mps2:
+    if controller.plugin is not None or 2.0 * rate * omega * bench.device.amplitude_m > 0.5 * bench.drive_limit_mps2:
         return Remedy("hil trace the run: it proposes the experiment that separates what is left")
     changes: dict[str, object] = {"virtual_rotation_rad_s": rate}
     reversal = ""

@@ -25,7 +25,8 @@ class Sources:
     """The sources of uncertainty of one bench file."""
 
     def __init__(self, bench: Bench) -> None:
-        known = bench.device.calibration.known(bench.device.resonance_rad_s)
+        known = bench.device.known
+        self._known = frozenset(known)
         self._calibration = Calibration(**{name: item.u for name, item in known.items()})
         self._angular_gain = bench.device.calibration.angular_gain
         self._driven = 1.0 if bench.controller.enabled else 0.0
@@ -48,7 +49,8 @@ class Sources:
     def variances(self, deviation: Number, course: SinceZero) -> dict[str, Number]:
         """Variance [rad²] of the angle by each source; deviation [rad]: that by estimation."""
         found = {ESTIMATION: deviation**2}
-        found |= {source_of(name): variance for name, variance in variances(self._calibration, course).items()}
+        each = variances(self._calibration, course)
+        found |= {source_of(name): variance for name, variance in each.items() if name in self._known}
         if self.damping_sd_per_s is not None:
             # A quarter of a difference between the axes, √2 of them, for that long.
             rate = 0.25 * math.sqrt(2.0) * self.damping_sd_per_s / course.angular_gain
@@ -58,7 +60,7 @@ class Sources:
 
 def _damping_sd_per_s(bench: Bench) -> float | None:
     """Of the observer of 7 states, which takes the parameters as known: what it is told of the damping."""
-    if bench.observer.variant != "sense":
+    if bench.observer.variant != "sense" or bench.observer.plugin is not None:
         return None
     mean = sum(bench.device.damping_per_s[:2]) / 2.0
     return bench.observer.initial_sd.damping * mean

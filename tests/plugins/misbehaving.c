@@ -24,7 +24,7 @@ typedef struct {
 } plugin;
 
 enum { NAN_STATE = 1, NAN_DRIVE, INFINITE_ANGLE, BEYOND, BLOCKS, SLEEPS, CRASHES, ABORTS, DIVIDES, EXITS, EXITS_AT_ONCE,
-       ALLOCATES, WRITES_BEHIND, WRITES_BEFORE, WRITES_BEHIND_ESTIMATE, RECURSES, KILLS };
+       ALLOCATES, NEGATIVE_DEVIATION, NAN_CONSTANT, WRITES_BEHIND, WRITES_BEFORE, WRITES_BEHIND_ESTIMATE, RECURSES, KILLS };
 
 unsigned gyro_plugin_version(void)
 {
@@ -61,7 +61,7 @@ static void misbehave(plugin *own)
         for (;;)
             zero++;
     case SLEEPS:
-        usleep(700000);
+        usleep(720000);
         break;
     case CRASHES:
         *(volatile int *)(size_t)(16 + zero) = 1;
@@ -105,11 +105,16 @@ void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_
     for (int i = 0; i <= GYRO_PLUGIN_RATE; i++)
         estimate->state[i] = i == 0 ? 1e-6 : 0.0;
     estimate->angle_rad = estimate->innovation_V[0] = estimate->innovation_V[1] = 0.0;
+    estimate->state[GYRO_PLUGIN_X] += 1e-9 * (double)(own->count % 2);
+    if (WRONG == NAN_CONSTANT)
+        estimate->state[GYRO_PLUGIN_KXY] = own->count < AFTER ? 0.0 : (double)NAN;
     if (own->count++ < AFTER)
         return;
     misbehave(own);
     if (WRONG == NAN_STATE)
         estimate->state[GYRO_PLUGIN_VX] = (double)NAN;
+    if (WRONG == NEGATIVE_DEVIATION)
+        estimate->deviation[GYRO_PLUGIN_RATE] = -1e-3;
     if (WRONG == INFINITE_ANGLE)
         estimate->angle_rad = (double)INFINITY;
     if (WRONG == WRITES_BEHIND_ESTIMATE)

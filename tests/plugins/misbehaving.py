@@ -70,9 +70,47 @@ class NegativeUncertainty(Quiet):
         return GOOD._replace(angle_u=-1.0)
 
 
+class NegativeDeviation(Quiet):
+    def wrong(self) -> Any:
+        return GOOD._replace(deviation={"rate": -1e-3})
+
+
+class NegativeInnovationDeviation(Quiet):
+    def wrong(self) -> Any:
+        return GOOD._replace(innovation_deviation=(1.0, -1.0))
+
+
+class NanConstant(Quiet):
+    """Which is no fault: the declared one stands in its place."""
+
+    def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
+        self.count += 1
+        first = 0.0 if self.count <= AFTER else math.nan
+        x = 1e-6 * (1.0 + 1e-3 * (self.count % 2))
+        return GOOD._replace(x=x, constants={"phi_x": first, "kxy": math.nan})
+
+
 class UnknownName(Quiet):
     def wrong(self) -> Any:
         return GOOD._replace(constants={"stiffness": 1.0})
+
+
+class Absurd(Quiet):
+    def wrong(self) -> Any:
+        return GOOD._replace(x=1e300)
+
+
+class AbsurdConstant(Quiet):
+    def wrong(self) -> Any:
+        return GOOD._replace(constants={"kxx": 1e300})
+
+
+class Holds(Quiet):
+    """Follows nothing any more."""
+
+    def wrong(self) -> Any:
+        print("still here")  # into whose standard output?
+        return GOOD
 
 
 class WrongShape(Quiet):
@@ -119,7 +157,7 @@ class Swallows(Quiet):
 
 class Sleeps(Quiet):
     def wrong(self) -> Any:
-        time.sleep(0.7)
+        time.sleep(0.72)  # the clock of a call goes in steps of 4 ms
         return GOOD
 
 

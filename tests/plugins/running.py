@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench import Bench, override
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
-from tests.loop import gyro
+from hil.running.request import RunRequest
+from hil.running.run import run
+from tests.running import gyro
 
 HERE = Path(__file__).parent
 _UNCHANGED: Mapping[str, Mapping[str, Any]] = {}

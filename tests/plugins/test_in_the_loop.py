@@ -10,14 +10,15 @@ import pytest
 import hil
 from hil.bench import override
 from hil.errors import InputError
-from hil.loop.live_settings import at_once
 from hil.plugins import finding
 from hil.plugins.of_bench import require_supported
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
+from hil.report.page import render
+from hil.running.live_settings import at_once
 from hil.scoring.score import score
-from tests.loop.closed import angle_errors
 from tests.plugins.running import HERE, OWN, bench, quietly, ran
+from tests.running.closed import angle_errors
 
 pytestmark = pytest.mark.usefixtures("no_report")
 
@@ -63,6 +64,14 @@ def test_what_an_observer_does_not_tell_is_told_as_missing(tmp_path: Path) -> No
     assert "tells no uncertainty of its angle" in result.parts["angle"].reason
     assert run.estimates is not None
     assert np.isnan(run.estimates.sd("rate_rad_s")).all()
+    assert {one.ci95 for one in result.parameters.values()} == {None}
+    assert result.angle is not None
+    assert result.angle.why == "the plug-in's own formula"
+    assert result.angle.plain_rad is result.angle.control_imperfection_rms_rad is None
+    page = " ".join(render(run).split())
+    assert "Its uncertainty is not given." in page
+    assert page.count("± not given") == len(result.parameters)
+    assert "already subtracted" not in page
     assert np.isfinite(run.estimates["energy_ratio"]).all()
     assert result.innovation_rms is not None
     scored = score(run.path, tmp_path / "truth.arrow")
@@ -93,6 +102,9 @@ def test_a_comparison_has_a_row_for_it(tmp_path: Path) -> None:
     named = rows["plug-in own.py:Own"]
     assert named.angle_error_rms_rad is not None
     assert named.angle_error_rms_rad < ANGLE_RAD
+    assert run.result is not None
+    assert named.angle_u_rad == pytest.approx(run.result.angle_u_rad, rel=1e-9)
+    assert named.angle_expanded_rad == pytest.approx(run.result.angle_expanded_rad, rel=1e-9)
     assert "13 states, fading" in rows
 
 

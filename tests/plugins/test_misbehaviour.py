@@ -11,17 +11,17 @@ import pytest
 
 from hil.bench import Bench, override
 from hil.errors import InputError
-from hil.loop.stops import Safety
-from hil.loop.supervision import _Followed
 from hil.plugins.native import HEADER
 from hil.records.check import check
 from hil.records.runfolder import RunFolder
+from hil.running.stops import Safety
+from hil.running.supervision import _Followed
 from hil.wire.errors import WireError
-from tests.loop import gyro
-from tests.loop.processes import Host
 from tests.plugins.compiled import STRICT
 from tests.plugins.misbehaving import AFTER
 from tests.plugins.running import HERE, bench, ran
+from tests.running import gyro
+from tests.running.processes import Host
 
 pytestmark = [pytest.mark.usefixtures("no_report"), pytest.mark.slow]
 
@@ -43,6 +43,11 @@ IN_PYTHON = {
     "InfiniteAngle": Wrong("observer", "angle is inf"),
     "InfiniteConstant": Wrong("observer", "kxx is -inf"),
     "NegativeUncertainty": Wrong("observer", "angle_u is -1"),
+    "NegativeDeviation": Wrong("observer", "the deviation of rate is -0.001; it must be zero or more"),
+    "NegativeInnovationDeviation": Wrong("observer", "innovation_deviation on y is -1; it must be zero or more"),
+    "Absurd": Wrong("observer", "x is 1e+300, a billion times what the declared device has"),
+    "AbsurdConstant": Wrong("observer", "kxx is 1e+300, a billion times"),
+    "Holds": Wrong("observer", "its motion has not changed over 100 periods"),
     "UnknownName": Wrong("observer", "constants has 'stiffness', known are x, vx,"),
     "WrongShape": Wrong("observer", "x is ndarray of shape (2,), a number is expected"),
     "NoEstimate": Wrong("observer", "observe gave a NoneType, hil.Estimate is expected"),
@@ -63,6 +68,7 @@ IN_PYTHON = {
 IN_C = {
     "NAN_STATE": Wrong("observer", "vx is nan"),
     "NAN_DRIVE": Wrong("both", "the drive on x is nan"),
+    "NEGATIVE_DEVIATION": Wrong("observer", "the deviation of rate is -0.001; it must be zero or more"),
     "INFINITE_ANGLE": Wrong("observer", "angle is inf"),
     "BEYOND": Wrong("both", "the drive on y is 10.0097 m/s², the limit is ± 9.99969"),
     "BLOCKS": Wrong("observer", "it did not come back within 1 s"),
@@ -159,6 +165,24 @@ def test_by_the_clock_safe_is_confirmed_and_the_exit_code_is_1(tmp_path: Path, k
         assert len(host.capture) >= AFTER
 
 
+@pytest.mark.parametrize("language", ["Python", "C"])
+def test_a_constant_that_is_no_number_any_more_is_told(tmp_path: Path, language: str) -> None:
+    in_c = language == "C"
+    name = library(tmp_path, "NAN_CONSTANT") if in_c else f"{HERE / 'misbehaving.py'}:NanConstant"
+    result = ran(tmp_path, bench(name, changes=SHORT | {"limits": {"residual_safe": 1e9}})).result
+    assert result is not None
+    assert result.complete
+    gave = (
+        f"gave NaN for kxy, first at sample {AFTER}; its"
+        if in_c
+        else "gave NaN for phi_x and kxy, first at sample 0; their"
+    )
+    told = [remark for remark in result.remarks if "NaN" in remark]
+    assert len(told) == 1
+    assert f"plugin {name.rpartition('/')[2]}: {gave} declared value" in told[0]
+
+
+@pytest.mark.parametrize("dry_run", [False, True])
 @pytest.mark.parametrize(
     ("wrong", "options", "words"),
     [
@@ -170,13 +194,13 @@ def test_by_the_clock_safe_is_confirmed_and_the_exit_code_is_1(tmp_path: Path, k
     ],
 )
 def test_what_is_wrong_at_once_is_found_before_a_board_is_armed(
-    tmp_path: Path, wrong: str, options: list[str], words: str
+    tmp_path: Path, wrong: str, options: list[str], words: str, *, dry_run: bool
 ) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     with pytest.raises((InputError, WireError)) as refusal:
-        ran(tmp_path, bench(library(tmp_path, wrong, *options), changes=SHORT), link=f"pty:{scenario}")
+        ran(tmp_path, bench(library(tmp_path, wrong, *options), changes=SHORT), link=f"pty:{scenario}", dry_run=dry_run)
     assert words in str(refusal.value)
-    assert not any((tmp_path / "runs").iterdir())
+    assert not any((tmp_path / "runs").glob("*"))
 
 
 def test_one_that_cannot_be_made_is_found_before_a_board_is_armed(tmp_path: Path) -> None:
@@ -196,6 +220,6 @@ def test_a_process_that_ends_with_its_recorder_leaves_no_board_driven() -> None:
         told.append(board)
         return Safety(armed=True, confirmed=True).told
 
-    _Followed(worker, lambda _: None, confirm).to_the_end()
+    _Followed(worker, lambda _: None, confirm, lambda _: None).to_the_end()
     worker.communicate()
     assert told == [7]

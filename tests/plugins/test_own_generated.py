@@ -7,9 +7,9 @@ import pytest
 
 from hil.bench import Bench, override
 from hil.records.runfolder import RunFolder
-from tests.loop import gyro
 from tests.plugins.compiled import generated
 from tests.plugins.running import bench, ran
+from tests.running import gyro
 
 pytestmark = pytest.mark.usefixtures("no_report")
 

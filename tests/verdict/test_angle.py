@@ -14,7 +14,7 @@ from hil.records.result import Contribution, Part, Result, Score
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
 from hil.verdict.remedies import remedy
-from tests.loop import gyro
+from tests.running import gyro
 from tests.verdict.gyro_estimates import SETTLE_S, estimates
 
 LARGEST = Contribution(source="clock", value=1e-3, unit="1", sensitivity="1", contribution_rad=0.04)

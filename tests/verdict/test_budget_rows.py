@@ -17,7 +17,7 @@ from hil.records.estimates import Estimates
 from hil.records.result import Contribution
 from hil.verdict.budget import Budget, budget
 from hil.verdict.remedies import remedy
-from tests.loop import gyro
+from tests.running import gyro
 from tests.verdict.gyro_estimates import DXX, DXY, DYY, KXY, RATE, SD, SECONDS, SETTLE_S, VIRTUAL, estimates
 
 FORCED, TURNED = VIRTUAL * SECONDS, RATE * SECONDS
@@ -230,6 +230,15 @@ def test_a_gain_error_cancels_in_a_virtual_rotation_that_is_reversed(source: str
     still = bench({}, controller={"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0})
     for declared in (reversed_already, still):  # nothing is left to cancel, and a slower rotation tells less
         assert f"[device.calibration] {source.replace(' ', '_')}_u" in remedy(row(source), declared).text
+
+
+def test_no_remedy_is_a_setting_that_a_plug_in_does_not_read() -> None:
+    own = {"plugin": "mine.py:Mine"}
+    turning = {"virtual_rotation_rad_s": -2.0, "virtual_reversal_s": 0.0}
+    observed, controlled = bench({}, observer=own), bench({}, controller={**own, **turning})
+    assert "[device] amplitude_m" in remedy(row("estimation", "rad"), observed).text
+    for source in ("drive gain", "undeclared effects"):
+        assert not remedy(row(source), controlled).changes
 
 
 def test_each_row_has_a_remedy_of_its_own() -> None:

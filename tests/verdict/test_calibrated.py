@@ -9,10 +9,10 @@ import pytest
 from benchmarks.uncertainty import PLANTS, bench_of, scenario_text
 from estimator.completeness.answer import Outcome
 from hil.bench import override
-from hil.loop.closing_scan import scan_run
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.records.runfolder import RunFolder
+from hil.running.closing_scan import scan_run
+from hil.running.request import RunRequest
+from hil.running.run import run
 
 DRAWN = 7145003
 """An S-modern whose drive gain is off by 1.14 × 10⁻³: an observer's own equations left (0.54 ± 0.04) × 10⁻³ of it."""

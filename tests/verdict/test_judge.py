@@ -13,7 +13,7 @@ from hil.bench import examples
 from hil.records.result import Angle, Answers, Part, Result
 from hil.records.runfolder import RunFolder
 from hil.verdict import Judgement
-from tests.loop import gyro
+from tests.running import gyro
 
 GOOD = {
     "safety": Part(outcome="good", reason="confirmed"),

@@ -10,7 +10,7 @@ import pytest
 from hil.bench import Bench
 from hil.records.result import Answers, Load, Part, Result
 from hil.verdict.machine import by_host, judge_machine, mishaps
-from tests.loop import gyro
+from tests.running import gyro
 
 REAL, EMULATED = "serial:/dev/ttyACM0", "pty:s slow.toml"
 IDLE = {"waited": 0.001, "stolen": 0.0, "pressed": 0.001}

@@ -10,7 +10,7 @@ from hil.records.innovation import Innovation
 from hil.records.result import Result, Scan
 from hil.records.runfolder import RunFolder
 from hil.verdict.model import judge_model
-from tests.loop import gyro
+from tests.running import gyro
 
 
 def result(complete: bool | None, *, ratio: float = 1.0) -> Result:

@@ -4,8 +4,8 @@ from typing import Any
 
 import pytest
 
-from hil.loop.stops import LATCHING, Safety, Stop, reason_name
 from hil.records.result import Part
+from hil.running.stops import LATCHING, Safety, Stop, reason_name
 from hil.verdict.safety import judge_safety, remarks
 from hil.wire.messages import SafeReason
 

@@ -9,7 +9,7 @@ from benchmarks import uncertainty
 from benchmarks.row import Row
 from benchmarks.uncertainty import BEGIN, PLANTS, bench_of, followed, lowered, scenario_text, summary, table, with_table
 
-PAGE = Path(__file__).parents[2] / "docs" / "results" / "verdicts.md"
+PAGE = Path(__file__).parents[2] / "evaluation" / "results" / "verdicts.md"
 
 
 def device(u: float, error: float, rows: dict[str, float]) -> dict[str, Any]:

@@ -41,6 +41,8 @@ class Fault(IntEnum):
     BEYOND = 4
     OVERRUN = 5
     GROWN = 6
+    HELD = 7
+    ABSURD = 8
 
 
 class Death(IntEnum):
@@ -83,6 +85,8 @@ class Sample(ctypes.Structure):
         ("applied_codes", ctypes.c_int32 * 2),
         ("lost", ctypes.c_int32),
         ("reserved", ctypes.c_int32),
+        ("quadrature_V", _double * 2),
+        ("applied_quadrature_mps2", _double * 2),
     )
 
 
@@ -106,10 +110,16 @@ class Drive(ctypes.Structure):
     _fields_ = (("force_mps2", _double * 2), ("virtual_rotation_rad_s", _double))
 
 
+class Named(ctypes.Structure):
+    """`gyro_plugin_named`"""
+
+    _fields_ = (("name", ctypes.c_char_p), ("unit", ctypes.c_char_p), ("value", _double), ("limit", _double))
+
+
 class Lent(ctypes.Structure):
     """`lent_t`"""
 
-    _fields_ = (("pages", _pointer), ("length", _int), ("at", _pointer), ("size", _int))
+    _fields_ = (("pages", _pointer), ("length", _int), ("at", _pointer), ("size", _int), ("room", _int))
 
 
 class Own(ctypes.Structure):
@@ -130,6 +140,12 @@ class Turned(ctypes.Structure):
     _fields_ = (("started", _int), ("counted", _double * 6))
 
 
+class Held(ctypes.Structure):
+    """`held_t`"""
+
+    _fields_ = (("motion", _double * 4), ("sense_V", _double * 2), ("unchanged", _int))
+
+
 class PluginState(ctypes.Structure):
     """`plugin_t`"""
 
@@ -141,10 +157,13 @@ class PluginState(ctypes.Structure):
         *[(name, _pointer) for name in ("row", "state", "variance", "declared")],
         ("states", _int),
         ("turned", Turned),
+        ("held", Held),
         ("device", Device),
         ("step_s", _double),
         *[(name, _int) for name in ("code_limit", "drive_on", "number", "limit_ns")],
-        *[(name, _int) for name in ("begun_pages", "most_pages", "fault", "part", "entry")],
+        *[(name, _int) for name in ("begun_pages", "most_pages")],
+        *[(name, ctypes.c_uint64) for name in ("given", "withdrawn")],
+        *[(name, _int) for name in ("withdrawn_at", "fault", "part", "entry")],
         ("value", _double),
         ("raised", _int),
         ("failed", _pointer),
@@ -185,7 +204,7 @@ def library() -> ctypes.CDLL:
         ("plugin_init", ctypes.c_char_p, (_pointer, _pointer, _int, _int)),
         ("plugin_remember", None, (_pointer,)),
         ("plugin_step", None, (_pointer, *[_double] * 4, _pointer)),
-        ("plugin_observe", _int, (_pointer, _int, _int, *[_pointer] * 5)),
+        ("plugin_observe", _int, (_pointer, *[_int] * 3, *[_pointer] * 5)),
     ):
         call = getattr(found, name)
         call.restype, call.argtypes = result, arguments

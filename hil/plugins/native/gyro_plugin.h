@@ -65,6 +65,8 @@ typedef struct gyro_plugin_sample {
     int32_t applied_codes[2];
     int32_t lost;
     int32_t reserved;
+    double quadrature_V[2];   /* of demodulated streams, see below, whose in-phase parts are then above; else 0 */
+    double applied_quadrature_mps2[2];
 } gyro_plugin_sample;
 
 /* What an observer makes of it. Every number is NaN when gyro_plugin_observe is called. What it must fill: angle_rad,
@@ -83,7 +85,7 @@ typedef struct gyro_plugin_estimate {
     double angle_plain_rad;     /* the same by the plain formula (11) */
     double rate_integral_rad;
     double state[GYRO_PLUGIN_STATES];     /* m, m/s; V; rad/s; 1/s2; 1/s */
-    double deviation[GYRO_PLUGIN_STATES]; /* standard, the same units; below 0: taken as declared, not estimated */
+    double deviation[GYRO_PLUGIN_STATES]; /* standard, the same units; 0: taken as declared, not estimated */
 } gyro_plugin_estimate;
 
 /* What a controller asks for. */
@@ -95,7 +97,7 @@ typedef struct gyro_plugin_drive {
 /* GYRO_PLUGIN_VERSION, as compiled. */
 GYRO_PLUGIN_EXPORT unsigned gyro_plugin_version(void);
 
-/* Bytes of an instance. The bench gives it that much memory, zeroed and aligned to 16 bytes. */
+/* Bytes of an instance. The bench gives it that much memory, zeroed and aligned to 64 bytes. */
 GYRO_PLUGIN_EXPORT size_t gyro_plugin_size(void);
 
 /* Begin. NULL, or one line that says why this device cannot be taken. */
@@ -109,6 +111,25 @@ GYRO_PLUGIN_EXPORT void gyro_plugin_observe(void *instance, const gyro_plugin_sa
  * with the one of the bench's own observer; NaN where there is no uncertainty. drive_on: whether the drive will be applied; without, it is zero. */
 GYRO_PLUGIN_EXPORT void gyro_plugin_control(void *instance, const gyro_plugin_estimate *estimate, int drive_on,
                                             gyro_plugin_drive *drive);
+
+/* What a plug-in may have beside these. */
+
+/* A named number of its own, from the bench file, before init; 0: it has none of that name. carrier_Hz: its samples are
+ * rows of demodulated streams: X in phase and Y in quadrature of X cos wt - Y sin wt, w = 2 pi carrier_Hz, t = 0 at the
+ * first row; noise_V is then that of X, and of Y. */
+GYRO_PLUGIN_EXPORT int gyro_plugin_option(void *instance, const char *name, double value);
+
+/* Why it cannot go on, one line, asked for where its estimate's angle is not finite; NULL: it does not say. */
+GYRO_PLUGIN_EXPORT const char *gyro_plugin_why(const void *instance);
+
+/* A figure of its own, for the result and the report. */
+typedef struct gyro_plugin_named {
+    const char *name, *unit; /* up to 31 and 15 characters */
+    double value, limit;     /* NaN: without one */
+} gyro_plugin_named;
+
+/* Figure number 0, 1, ... at the end of a run; 0 behind the last. */
+GYRO_PLUGIN_EXPORT int gyro_plugin_figure(const void *instance, int number, gyro_plugin_named *figure);
 
 #ifdef __cplusplus
 }

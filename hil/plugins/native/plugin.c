@@ -1,10 +1,13 @@
-/* Plug-ins in the place of the core's step: what the turn calls for each sample (hil/loop/native/force.h). */
+/* Plug-ins in the place of the core's step: what the turn calls for each sample (hil/running/native/force.h). */
 
 #define _GNU_SOURCE
 
 #include "step.h"
 
+#define LINE 64 /* bytes of a line of the cache: an instance's vectors lie in one each */
 #define EXPORT __attribute__((visibility("default")))
+
+#include "drive_table.h"
 
 /* Sizes of the structures, for Python to compare. */
 EXPORT void plugin_sizes(int64_t sizes[6])
@@ -27,7 +30,7 @@ EXPORT int64_t plugin_lend(plugin_t *plugin, const int64_t sizes[2])
 {
     const int64_t all[5] = {sizes[0], sizes[1], sizeof *plugin->sample, sizeof *plugin->estimate, sizeof *plugin->drive};
     for (int i = 0; i < 5; i++) {
-        plugin->lent[i] = lend(all[i]);
+        plugin->lent[i] = lend(all[i], i < 2 ? LINE : 16);
         if (plugin->lent[i].pages == NULL)
             return 0;
     }
@@ -96,19 +99,24 @@ static double declared_rotation(const plugin_t *plugin, const double applied[2])
     return turn - 2.0 * floor(0.5 * turn) > 0.5 ? -rate : rate;
 }
 
-/* n samples of a record, sense (n, 2) in V and drive (n, 2) in m/s2, through the observer alone -> rows (n, ROW_SIZE),
-   and of every `every`-th state and deviation (n / every, states); how many were taken in. */
-EXPORT int64_t plugin_observe(plugin_t *plugin, int64_t n, int64_t every, const double *sense, const double *applied,
-                              double *rows, double *states, double *deviations)
+/* n samples of a record, sense (n, width) in V and drive (n, width) in m/s2, through the observer alone -> rows
+   (n, ROW_SIZE), and of every `every`-th state and deviation (n / every, states); how many were taken in. width: x and
+   y, of demodulated streams both in phase, then both in quadrature. */
+EXPORT int64_t plugin_observe(plugin_t *plugin, int64_t n, int64_t width, int64_t every, const double *sense,
+                              const double *applied, double *rows, double *states, double *deviations)
 {
     const gyro_plugin_device *device = &plugin->device;
-    for (int64_t m = 0; m < n; m++) {
+    for (int64_t m = 0; m < n; m++, sense += width, applied += width) {
         int32_t codes[4];
         for (int axis = 0; axis < 2; axis++) {
-            codes[axis] = code_of(sense[2 * m + axis] / device->sense_scale_V);
-            codes[2 + axis] = code_of(applied[2 * m + axis] / device->drive_scale_mps2);
+            codes[axis] = code_of(sense[axis] / device->sense_scale_V);
+            codes[2 + axis] = code_of(applied[axis] / device->drive_scale_mps2);
+            if (width == 4) {
+                plugin->sample->quadrature_V[axis] = sense[2 + axis];
+                plugin->sample->applied_quadrature_mps2[axis] = applied[2 + axis];
+            }
         }
-        hand_over(plugin, sense + 2 * m, applied + 2 * m, codes, declared_rotation(plugin, applied + 2 * m));
+        hand_over(plugin, sense, applied, codes, declared_rotation(plugin, applied));
         if (!observed(plugin))
             return m;
         memcpy(rows + ROW_SIZE * m, plugin->row, ROW_SIZE * sizeof *rows);

@@ -7,6 +7,8 @@
 #include "watch.h"
 
 #define LOOK_AT_MEMORY 256 /* calls */
+#define HELD_PERIODS 100.0
+#define ABSURD 1e9 /* times the scale of the device as declared */
 #define FINE_NS 15000000   /* below which the clock has to be fine: the coarse one goes in steps of 4 ms at most */
 
 static bool wrong(plugin_t *plugin, int64_t part, int64_t fault, int64_t entry, double value)
@@ -79,6 +81,14 @@ static void hand_over(plugin_t *plugin, const double sense_V[2], const double ap
     }
 }
 
+/* A constant that was given, and is NaN now, is the declared one again: which is told. */
+static void withdraw(plugin_t *plugin, int64_t entry)
+{
+    if (plugin->withdrawn == 0)
+        plugin->withdrawn_at = plugin->number;
+    plugin->withdrawn |= UINT64_C(1) << entry;
+}
+
 /* Whether its estimate can be used; then it stands where the record is made from. */
 static bool is_estimate(plugin_t *plugin)
 {
@@ -95,15 +105,46 @@ static bool is_estimate(plugin_t *plugin)
         double value = estimate->state[i], deviation = estimate->deviation[i];
         if (isinf(value))
             return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, i, value);
-        if (isinf(deviation))
+        if (deviation < 0.0 || isinf(deviation))
             return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, GYRO_PLUGIN_STATES + i, deviation);
-        bool declared = isnan(value) || deviation < 0.0;
-        if (isnan(value)) /* for the controller, too */
+        if (isnan(value)) { /* for the controller, too */
             estimate->state[i] = plugin->declared[i];
+            deviation = 0.0;
+            if ((plugin->given >> i & 1u) != 0 && (plugin->withdrawn >> i & 1u) == 0)
+                withdraw(plugin, i);
+        } else {
+            plugin->given |= UINT64_C(1) << i;
+        }
         plugin->state[i] = estimate->state[i];
-        plugin->variance[i * (plugin->states + 1)] = declared ? 0.0 : deviation * deviation;
+        plugin->variance[i * (plugin->states + 1)] = deviation * deviation;
+    }
+    for (int axis = 0; axis < 2; axis++) {
+        double deviation = estimate->innovation_deviation_V[axis];
+        if (deviation < 0.0 || isinf(deviation))
+            return wrong(plugin, PART_OBSERVE, FAULT_NUMBER, ENTRY_INNOVATION_SD_X + axis, deviation);
     }
     return true;
+}
+
+/* Whether its motion still follows the samples: a mass that vibrates is nowhere twice, and one that is held for so many
+   periods is no estimate. One that says zero has not begun. */
+static bool follows(plugin_t *plugin)
+{
+    held_t *held = &plugin->held;
+    bool same = true, moving = false, heard = false;
+    for (int i = 0; i < 4; i++) {
+        double value = plugin->state[i];
+        same = same && value == held->motion[i];
+        moving = moving || value != 0.0;
+        held->motion[i] = value;
+    }
+    for (int axis = 0; axis < 2; axis++) {
+        heard = heard || (!plugin->sample->lost && plugin->sample->sense_V[axis] != held->sense_V[axis]);
+        held->sense_V[axis] = plugin->sample->sense_V[axis];
+    }
+    held->unchanged = same && moving ? held->unchanged + heard : 0;
+    double turn = sqrt(plugin->device.target_stiffness_per_s2) * plugin->step_s * (double)held->unchanged;
+    return turn < HELD_PERIODS * 2.0 * HALF_TURN || wrong(plugin, PART_OBSERVE, FAULT_HELD, 0, HELD_PERIODS);
 }
 
 /* The bench's own estimate, for a plug-in that controls. */
@@ -114,7 +155,7 @@ static void own_estimate(const plugin_t *plugin)
     gyro_plugin_estimate *estimate = plugin->estimate;
     for (int64_t i = 0; i < plugin->states; i++) {
         estimate->state[i] = own->x[i] * own->factors[i];
-        estimate->deviation[i] = -1.0;
+        estimate->deviation[i] = 0.0;
     }
     for (int64_t i = 0; i < own->estimated; i++) {
         double variance = own->variance[i * (own->estimated + 1)];
@@ -138,8 +179,11 @@ static void own_estimate(const plugin_t *plugin)
 /* One sample taken in; false where it went wrong. */
 static bool observed(plugin_t *plugin)
 {
-    if (plugin->number == 0)
+    if (plugin->number == 0) {
         memset(&plugin->turned, 0, sizeof plugin->turned);
+        memset(&plugin->held, 0, sizeof plugin->held);
+        plugin->given = plugin->withdrawn = 0;
+    }
     blank(plugin);
     enter(plugin, PART_OBSERVE);
     plugin->observe(plugin->observer, plugin->sample, plugin->estimate);
@@ -147,7 +191,7 @@ static bool observed(plugin_t *plugin)
         return false;
     fill_row(plugin);
     plugin->number++;
-    return true;
+    return follows(plugin);
 }
 
 /* The drive codes that it asks for; false where they may not be sent. */
@@ -182,8 +226,14 @@ static void drive(plugin_t *plugin, double codes[2])
     const own_t *own = &plugin->own;
     double x[GYRO_PLUGIN_STATES];
     if (plugin->control == NULL) {
-        for (int64_t i = 0; i < plugin->states; i++)
+        for (int64_t i = 0; i < plugin->states; i++) {
             x[i] = plugin->state[i] / own->factors[i];
+            if (fabs(x[i]) > ABSURD) { /* of which the law makes no force */
+                wrong(plugin, PART_OBSERVE, FAULT_ABSURD, i, plugin->state[i]);
+                codes[0] = codes[1] = (double)NAN;
+                return;
+            }
+        }
         own->follow(own->estimator, x);
         own->control(own->estimator, codes);
     } else if (controlled(plugin, codes)) {

@@ -18,7 +18,7 @@ typedef struct {
     uint8_t *pages; /* the first of them */
     int64_t length;
     uint8_t *at;
-    int64_t size;
+    int64_t size, room; /* what the marks behind it fill up */
 } lent_t;
 
 /* The bench's own estimator (estimator/core/core.c), for whichever part is not a plug-in's. */
@@ -45,6 +45,12 @@ typedef struct {
     double theta, theta_zero, plain, plain_zero, virtual_turn, rate_integral;
 } turned_t;
 
+/* The newest motion, and for how many samples that differ from the one before it has been the same. */
+typedef struct {
+    double motion[4], sense_V[2];
+    int64_t unchanged;
+} held_t;
+
 /* One plug-in, or two, in the place of the core's step. */
 typedef struct {
     observe_fn observe; /* NULL: the bench's own */
@@ -66,6 +72,7 @@ typedef struct {
     const double *declared;
     int64_t states;
     turned_t turned;
+    held_t held;
 
     gyro_plugin_device device;
     double step_s;
@@ -76,6 +83,10 @@ typedef struct {
     int64_t begun_pages; /* of memory, when the run began; 0: not looked at */
     int64_t most_pages;  /* that may be added */
 
+    /* entries of the state, a bit each: given so far, of them NaN later, and the first sample at which one was */
+    uint64_t given, withdrawn;
+    int64_t withdrawn_at;
+
     /* what is wrong: FAULT_… of PART_…, the entry and its value */
     int64_t fault, part, entry;
     double value;
@@ -85,9 +96,11 @@ typedef struct {
 
 enum { PART_NONE, PART_OBSERVE, PART_CONTROL, PARTS };
 
-enum { FAULT_NONE, FAULT_RAISED, FAULT_LATE, FAULT_NUMBER, FAULT_BEYOND, FAULT_OVERRUN, FAULT_GROWN };
+enum { FAULT_NONE, FAULT_RAISED, FAULT_LATE, FAULT_NUMBER, FAULT_BEYOND, FAULT_OVERRUN, FAULT_GROWN,
+       FAULT_HELD, FAULT_ABSURD };
 
 /* Entries that FAULT_NUMBER names, behind those of the state and of its deviations. */
-enum { ENTRY_ANGLE = 2 * GYRO_PLUGIN_STATES, ENTRY_ANGLE_U, ENTRY_DRIVE_X, ENTRY_DRIVE_Y, ENTRY_VIRTUAL };
+enum { ENTRY_ANGLE = 2 * GYRO_PLUGIN_STATES, ENTRY_ANGLE_U, ENTRY_DRIVE_X, ENTRY_DRIVE_Y, ENTRY_VIRTUAL, ENTRY_INNOVATION_SD_X,
+       ENTRY_INNOVATION_SD_Y };
 
 #endif

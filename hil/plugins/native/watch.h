@@ -137,11 +137,11 @@ static int64_t watch(const watch_t *asked)
 }
 
 /* Memory for a plug-in, which ends where a page begins that nobody may touch; `at` is NULL where there is none. */
-static lent_t lend(int64_t size)
+static lent_t lend(int64_t size, int64_t aligned)
 {
     int64_t page = sysconf(_SC_PAGESIZE);
-    int64_t room = (size + 15) / 16 * 16, inner = (room + MARKED + page - 1) / page * page;
-    lent_t lent = {.length = inner + 2 * page, .size = size};
+    int64_t room = (size + aligned - 1) / aligned * aligned, inner = (room + MARKED + page - 1) / page * page;
+    lent_t lent = {.length = inner + 2 * page, .size = size, .room = room};
     lent.pages = mmap(NULL, (size_t)lent.length, PROT_NONE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
     if (lent.pages == MAP_FAILED) {
         lent.pages = NULL;
@@ -173,7 +173,7 @@ static bool is_whole(const lent_t *lent)
     if (lent->pages == NULL)
         return true;
     memcpy(before, lent->at - MARKED, sizeof before);
-    for (int64_t at = lent->size; at % 16 != 0; at++)
+    for (int64_t at = lent->size; at < lent->room; at++)
         if (lent->at[at] != MARK)
             return false;
     return before[0] == marks && before[1] == marks;

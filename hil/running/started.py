@@ -1,0 +1,93 @@
+"""What an emulated board is started with, and how the bench is changed for it: what the machine holds, measured."""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from hil.bench import Bench, override
+from hil.numbers import percent
+from hil.progress import Watcher
+from hil.records.lateness import Lateness, lateness_of
+from hil.records.runfolder import RunFolder
+from hil.records.setting import Setting
+from hil.running.rehearsal import MEASURED_S, rehearse
+from hil.verdict.holds import held, loop_changes, own_setting
+from hil.wire.link_name import Emulated, parse_link
+
+_LOCKSTEP = "no setting of the board is slow enough for this machine, so the run is in lockstep"
+
+
+@dataclass(frozen=True)
+class Started:
+    """A choice: the setting, None where nothing but lockstep holds; and in one line why."""
+
+    setting: Setting | None
+    words: str
+
+    def bench(self, bench: Bench) -> Bench:
+        """The bench file for that board."""
+        if self.setting is None:
+            return override(bench, {"loop": {"clock": "lockstep"}}, "lockstep")
+        if self.setting.latency_ticks:
+            return bench
+        changes: dict[str, dict[str, Any]] = {
+            "loop": loop_changes(bench, self.setting),
+            "device": {"sample_rate_Hz": self.setting.rate_Hz},
+        }
+        return override(bench, changes, self.setting.words)
+
+    def link(self, link: str) -> str:
+        """The link for that board, to be started with it."""
+        if self.setting is None:
+            return link
+        latency_ticks, _, rate_Hz = self.setting
+        board = parse_link(link)
+        assert isinstance(board, Emulated)
+        return (replace(board, latency_ticks=latency_ticks) if latency_ticks else replace(board, rate_Hz=rate_Hz)).url
+
+
+def measured(bench: Bench, link: str, progress: Watcher, *, becomes: str = "is started") -> Started:
+    """By a rehearsal on this very link; `becomes` says whether the board is then started. Raises as `rehearse`."""
+    found = rehearse(bench, link, progress)
+    if found is None:
+        return Started(None, f"measured: too few answers in {MEASURED_S:g} s; {_LOCKSTEP}")
+    late, latency_ticks = found
+    return _chosen(f"measured for {MEASURED_S:g} s", late, bench, own_setting(bench, latency_ticks), becomes=becomes)
+
+
+def after_late(run: RunFolder, bench: Bench, started: Started) -> Started | None:
+    """The next choice after a run that had more late answers than its limit in spite of `started`; None where it kept
+    it, or was in lockstep."""
+    result = run.result
+    if started.setting is None or result is None or result.answers is None or not result.answers.ticks:
+        return None
+    share = result.answers.missed / result.answers.ticks
+    if share <= bench.limits.late_fraction:
+        return None
+    told = f"late in spite of {started.setting.words}, so the run was repeated: {run.path.name}"
+    late = lateness_of(run, result.answers)
+    if late is None:
+        return Started(None, f"{told}; {_LOCKSTEP}")
+    return _chosen(told, late, bench, own_setting(bench, 1), after=started.setting)
+
+
+def _chosen(
+    told: str,
+    late: Lateness,
+    bench: Bench,
+    own: Setting,
+    *,
+    after: Setting | None = None,
+    becomes: str = "is started",
+) -> Started:
+    was = after or own
+    before = late.share(was.waits_s, bench.loop.duration_s)
+    limit = percent(bench.limits.late_fraction, 2)
+    words = (
+        f"{told}: {was.words} gives {percent(before.expected, 2)} late answers (limit {limit}, [limits] late_fraction)"
+    )
+    best = held(late, bench, own, after=after)
+    if best is None:
+        return Started(None, f"{words}; {_LOCKSTEP}")
+    margin = "" if best.safely else ", less margin than wanted"
+    chosen = f"the board {becomes} with {best.line}{margin}"
+    return Started(best.setting, f"{words}; {chosen}")

@@ -1,0 +1,214 @@
+"""The loops of [controller] mode on emulated devices, beside closed forms: Lynch's equations, and their design."""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hil.bench import Bench, override
+from hil.bench.toml import toml_value
+from hil.errors import InputError
+from hil.plugins.errors import PluginError
+from tests.plugins.direct import Driven, drive_directly
+from tests.plugins.running import bench, ran
+from tests.running import gyro
+
+MASS_KG, RATE_RAD_S = 1e-3, 0.5
+ROUND = {"stiffness_N_per_m": (1579.1367, 1579.1367, 0.0), "damping_N_s_per_m": (1.25664e-3, 1.25664e-3, 0.0)}
+SPLIT = {"stiffness_N_per_m": (1610.7194, 1547.5540, 15.7914), "damping_N_s_per_m": (1.3823e-3, 1.13097e-3, 6.2832e-5)}
+LOOPS = ("amplitude", "phase", "rate", "quadrature")
+_NONE: Mapping[str, Any] = {}
+
+
+def driven(
+    place: Path,
+    mode: str,
+    duration_s: float,
+    device: Mapping[str, Any],
+    *,
+    truth: Mapping[str, Any] = _NONE,
+    loops: Mapping[str, Any] = _NONE,
+    rate_rad_s: float = RATE_RAD_S,
+) -> Driven:
+    """S-slow from rest, its stiffness and damping declared as they are, where `truth` does not say otherwise."""
+    real = {key: list(value) for key, value in device.items()} | {"position_m": [0.0, 0.0]} | dict(truth)
+    scenario = gyro.scenario(place / "board.toml", truth=real, rate={"kind": "constant", "rate_rad_s": rate_rad_s})
+    return drive_directly(declared(mode, device, loops), scenario, duration_s)
+
+
+def declared(mode: str, device: Mapping[str, Any] = SPLIT, loops: Mapping[str, Any] = _NONE) -> Bench:
+    changes: dict[str, Any] = {"mode": mode, "virtual_rotation_rad_s": 0.0, "dither_mps2": 0.0, "loops": loops}
+    return override(gyro.bench(10.0), {"controller": changes, "device": device}, "test")
+
+
+@pytest.mark.parametrize("device", [ROUND, SPLIT], ids=["round", "split"])
+def test_the_balancing_force_is_the_rate_and_the_damping_that_couples_the_axes(
+    tmp_path: Path, device: Mapping[str, Any]
+) -> None:
+    """ẏ averaged: A (Ω + dxy/2) = force/2ω (Lynch 1995, the sense axis held at zero)."""
+    found = driven(tmp_path, "force_to_rebalance", 8.0, device)
+    bias = 0.5 * device["damping_N_s_per_m"][2] / MASS_KG
+    rate = found.rate[24000:]
+    assert np.mean(rate) == pytest.approx(RATE_RAD_S + bias, abs=1e-3)
+    assert np.sqrt(np.mean(found.energy[24000:] - 1.0) ** 2) < 1e-3
+    assert np.max(np.abs(found.quadrature[24000:])) < 0.01
+    turned = found.angle[-1] - found.angle[24000]
+    assert turned == pytest.approx((RATE_RAD_S + bias) * 2.0, abs=4e-3)
+    assert np.abs(turned - 2.0 * RATE_RAD_S) < 2.0 * found.angle_u[-1]
+
+
+def test_exchanging_the_axes_takes_that_bias_off(tmp_path: Path) -> None:
+    found = driven(tmp_path, "mode_reversal", 45.0, SPLIT, loops={"exchange_s": 8.0})
+    assert np.mean(found.rate[20000:36000]) == pytest.approx(RATE_RAD_S + 0.0314, abs=1e-3)
+    assert np.mean(found.rate[-32000:]) == pytest.approx(RATE_RAD_S, abs=1e-3)
+
+
+@pytest.mark.long
+def test_over_60_K_the_bias_is_ten_times_smaller_with_the_axes_exchanged(tmp_path: Path) -> None:
+    """Stiffness -60 ppm/K, damping 0.4 %/K from 25 °C to 85 °C; drive and sense gains off by 2 and 3 %."""
+    heat = {"warm_up_K": 94.9, "time_constant_s": 100.0}
+    effects = (
+        {"name": "temperature_stiffness", "tc": -6e-5},
+        {"name": "temperature_damping", "tc": 4e-3},
+        {"name": "drive_gain", "hx": 0.02, "hy": -0.03},
+        {"name": "sense_gain", "gx": 0.0, "gy": 0.02},
+    )
+    truth = {key: list(value) for key, value in SPLIT.items()} | {"position_m": [0.0, 0.0]}
+    board = gyro.scenario(
+        tmp_path / "board.toml", truth=truth, temperature=heat, rate={"kind": "constant", "rate_rad_s": 0.0}
+    )
+    tables = "".join("\n[[effect]]\n" + "\n".join(f"{k} = {toml_value(v)}" for k, v in one.items()) for one in effects)
+    board.write_text(board.read_text("utf-8") + tables + "\n", "utf-8")
+    bias = {}
+    for mode in ("force_to_rebalance", "mode_reversal"):
+        rate = drive_directly(declared(mode, SPLIT, {"exchange_s": 6.0}), board, 100.0).rate[160_000:]
+        tenths = rate[: len(rate) // 10 * 10].reshape(10, -1).mean(axis=1)
+        bias[mode] = float(np.sqrt(np.mean(tenths**2)))
+    assert bias["force_to_rebalance"] > 10.0 * bias["mode_reversal"], bias
+
+
+def test_the_whole_angle_turns_as_the_board_and_its_rate_swings_with_the_damping(tmp_path: Path) -> None:
+    """θ̇ = -Ω + (Δd/4) sin 2θ - (dxy/2) cos 2θ (Lynch 1995): over whole turns √(Ω² - a²), a half of the anisodamping."""
+    rate, device = 1.0, ROUND | {"damping_N_s_per_m": SPLIT["damping_N_s_per_m"]}
+    found = driven(tmp_path, "classic_whole_angle", 6.0 + 2.1 * math.pi, device, rate_rad_s=rate)
+    dxx, dyy, dxy = (value / MASS_KG for value in device["damping_N_s_per_m"])
+    swing = 0.5 * math.hypot(0.5 * (dxx - dyy), dxy)
+    n = round(2.0 * math.pi / math.sqrt(rate * rate - swing * swing) * gyro.RATE_HZ)
+    turn = slice(24000, 24000 + n)
+    assert found.angle[24000 + n] - found.angle[24000] == pytest.approx(2.0 * math.pi, abs=0.01)
+    angle = 2.0 * found.angle[turn]
+    fitted = np.linalg.lstsq(np.stack([np.ones(n), np.cos(angle), np.sin(angle)], 1), found.rate[turn])[0]
+    assert fitted[0] == pytest.approx(rate, abs=2e-3)
+    assert math.hypot(fitted[1], fitted[2]) == pytest.approx(swing, rel=0.05)
+
+
+@pytest.mark.parametrize(("bandwidth_Hz", "margin_deg"), [(2.0, 60.0), (4.0, 50.0), (1.0, 70.0)])
+@pytest.mark.parametrize("loop", [*LOOPS, "pattern"])
+def test_a_loop_has_the_bandwidth_and_the_phase_margin_it_was_designed_for(
+    tmp_path: Path, loop: str, bandwidth_Hz: float, margin_deg: float
+) -> None:
+    mode = "classic_whole_angle" if loop == "pattern" else "force_to_rebalance"
+    loops = {"probe": "rate" if loop == "pattern" else loop, "probe_Hz": bandwidth_Hz, "phase_margin_deg": margin_deg}
+    wide = {f"{one}_Hz": bandwidth_Hz for one in LOOPS}
+    found = driven(tmp_path, mode, 8.0 + 12.0 / bandwidth_Hz, ROUND, loops=loops | wide, rate_rad_s=0.0)
+    assert found.figures["loop_gain"] == pytest.approx(1.0, rel=0.1)
+    assert found.figures["phase_margin"] == pytest.approx(margin_deg, rel=0.1)
+
+
+def test_the_force_along_the_motion_does_not_turn_it(tmp_path: Path) -> None:
+    """The loop that follows the pattern has the plant 1/s: damping of the motion has no part in it."""
+    loops = {f"{one}_Hz": 2.0 for one in LOOPS} | {"probe": "rate", "probe_Hz": 1.0, "rate_Hz": 1.0}
+    found = driven(tmp_path, "classic_whole_angle", 12.0, ROUND, loops=loops, rate_rad_s=0.0)
+    assert found.figures["loop_gain"] == pytest.approx(1.0, rel=0.03)
+    assert found.figures["phase_margin"] == pytest.approx(60.0, rel=0.03)
+
+
+def test_loops_that_are_narrow_beside_the_damping_reach_the_amplitude(tmp_path: Path) -> None:
+    """At 0.5 Hz the proportional part alone would stop at 0.83 of it, as damping takes 0.63 /s."""
+    found = driven(tmp_path, "force_to_rebalance", 4.0, ROUND, loops={f"{one}_Hz": 0.5 for one in LOOPS})
+    assert 0.0 < found.figures["ring_up"] < 2.0
+    assert found.energy[-1] == pytest.approx(1.0, abs=0.2)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_it_starts_from_rest_wherever_the_resonances_are(tmp_path: Path, seed: int) -> None:
+    """±1 % of the declared frequency, split up to what half of the drive holds: Δk A/2 of 10 m/s²."""
+    random = np.random.default_rng(seed)
+    mean = 1579.1367 * (1.0 + random.uniform(-0.02, 0.02))
+    half, azimuth = 0.5 * MASS_KG * 10.0 / 1e-4 * random.uniform(-1.0, 1.0), random.uniform(0.0, math.pi)
+    cosine, sine = half * math.cos(2.0 * azimuth), half * math.sin(2.0 * azimuth)
+    truth = {"stiffness_N_per_m": [mean + cosine, mean - cosine, sine]}
+    found = driven(tmp_path, "force_to_rebalance", 4.0, ROUND, truth=truth)
+    phases = ("search", "ring_up", "lock", "null")
+    assert all(0.0 < found.figures[phase] < (found.limits[phase] or 0.0) for phase in phases)
+    assert found.figures["resonance"] == pytest.approx(math.sqrt((mean + cosine) / MASS_KG) / math.tau, rel=0.01)
+    assert np.mean(found.energy[-2000:]) == pytest.approx(1.0, abs=2e-3)
+    assert np.mean(found.rate[-2000:]) == pytest.approx(RATE_RAD_S, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("loops", "truth", "words"),
+    [
+        ({"ring_up_s": 0.01}, {}, "ring_up took longer than its limit of 0.01 s: the amplitude reached"),
+        ({"null_s": 1e-3}, {}, "null took longer than its limit of 0.001 s: motion across the drive is"),
+        (
+            {},
+            {"damping_N_s_per_m": [10.0, 10.0, 0.0]},
+            "search took longer than its limit of 4.95 s: no resonance within",
+        ),
+    ],
+)
+def test_a_phase_past_its_limit_is_told_in_one_line(
+    tmp_path: Path, loops: Mapping[str, Any], truth: Mapping[str, Any], words: str
+) -> None:
+    with pytest.raises(PluginError, match=words) as raised:
+        driven(tmp_path, "force_to_rebalance", 8.0, SPLIT, loops=loops, truth=truth)
+    assert str(raised.value).startswith("[controller] mode: ")
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_report")
+def test_a_phase_past_its_limit_ends_a_run_in_SAFE(tmp_path: Path) -> None:
+    loops = {"ring_up_s": 0.01}
+    run = ran(tmp_path, override(bench(), {"controller": {"mode": "force_to_rebalance", "loops": loops}}, "test"))
+    assert run.result is not None
+    assert run.result.verdict == "interrupted"
+    assert "ring_up took longer than its limit" in run.result.reasons[0]
+    assert run.result.parts["safety"].reason == "SAFE was confirmed"
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("no_report")
+def test_a_run_tells_the_phases_with_their_limits_and_figures(tmp_path: Path) -> None:
+    changes = {"controller": {"mode": "force_to_rebalance"}, "loop": {"duration_s": 3.0}}
+    run = ran(tmp_path, override(bench(), changes, "test"))
+    result = run.result
+    assert result is not None
+    assert result.parts["safety"].outcome == "good"
+    told = {one.name: one for one in result.algorithm}
+    assert list(told)[:4] == ["search", "ring_up", "lock", "null"]
+    assert all(0.0 < (told[name].value or 0.0) < (told[name].limit or 0.0) for name in list(told)[:4])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"observer": {"plugin": "mine.so"}}, r"\[observer\] plugin: \[controller\] mode"),
+        ({"controller": {"loops": {"exchange_s": 0.1}, "mode": "mode_reversal"}}, "exchange_s: shorter than"),
+        ({"controller": {"loops": {"rate_Hz": 40.0}}}, "no filter gives these bandwidths"),
+        ({"loop": {"mode": "gain", "block": 40}, "link": {"watchdog_s": None}}, r"\[controller\] mode"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, changes: Mapping[str, Any], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        drive_directly(
+            override(declared("force_to_rebalance"), changes, "test"), gyro.scenario(tmp_path / "b.toml"), 0.1
+        )
+
+
+def test_the_mode_of_before_has_no_plug_in_left() -> None:
+    back = override(declared("mode_reversal"), {"controller": {"mode": "whole_angle"}}, "test")
+    assert (back.observer.plugin, back.controller.plugin) == (None, None)
