@@ -13,23 +13,39 @@ OWN = ("vx", "vy")
 SENSED = {"vx": "vx_sensed", "vy": "vy_sensed"}
 """What those are called in a capture."""
 
+DRIVEN = tuple(f"u{axis}_{part}_{unit}" for unit in DRIVE_UNITS for axis in "xy" for part in "iq")
+COMPONENTS = (*(f"v{axis}_{part}_V" for axis in "xy" for part in "iq"), *DRIVEN)
+"""Of demodulated streams."""
+
 CHANNELS = ("t_s", "vx_V", "vy_V", *_X_DRIVES, *_Y_DRIVES, "rate_rad_s", "temp_C")
 """Every legal column name, in the order in which files are written."""
 _OF_MAPS = (*CHANNELS, *OWN, "base")
 
 
-def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) -> str | None:
-    """What is wrong with this set of channels, of a file or of a map, with the remedy; None when it can be a record."""
-    known = _OF_MAPS if mapped else CHANNELS
+def names_fault(
+    names: Sequence[str], known: Sequence[str], told: Sequence[str], *, needs_time: bool, beside: str = ""
+) -> str | None:
+    """What is wrong with the names, each by itself, and with the time; `told`: of those that are known."""
     for name in names:
         if name not in known:
             near = near_channel(name, known)
-            remedy = f"did you mean {near}?" if near else f"known are {', '.join(CHANNELS)}, others need --map"
-            return f"column {name!r} is not known; {remedy}"
+            remedy = f"did you mean {near}?" if near else f"known are {', '.join(told)}, others need --map"
+            return f"column {name!r} is not known{beside}; {remedy}"
         if names.count(name) > 1:
             return f"column {name!r} appears twice; keep one"
     if needs_time and "t_s" not in names:
         return "no column t_s; add it, or state sampling_rate_Hz in a --map file"
+    return None
+
+
+def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) -> str | None:
+    """What is wrong with this set of channels, of a file or of a map, with the remedy; None when it can be a record."""
+    for name in names:
+        if name in COMPONENTS:
+            return f"column {name!r} is a component of a demodulated stream; give its carrier, --demodulated HZ"
+    known = _OF_MAPS if mapped else CHANNELS
+    if fault := names_fault(names, known, CHANNELS, needs_time=needs_time):
+        return fault
     x_senses = [name for name in names if name in ("vx_V", "vx")]
     y_senses = [name for name in names if name in ("vy_V", "vy")]
     if not x_senses:
@@ -53,6 +69,13 @@ def fault_in(names: Sequence[str], *, needs_time: bool, mapped: bool = False) ->
         given = ", ".join(x_drives + y_drives)
         return f"two axes but the drives are {given}; give ux and uy in one unit, or neither"
     return None
+
+
+def dimension_of(channel: str) -> str:
+    """What its units are of: the end of its name."""
+    if channel in COMPONENTS[:4]:
+        return "amplitude_V"
+    return channel.split("_", 2)[2] if channel in COMPONENTS else channel.split("_", 1)[1]
 
 
 def near_channel(name: str, known: Sequence[str] = CHANNELS) -> str | None:

@@ -5,14 +5,16 @@ One way leads from every kind of source to a capture: columns by name, time, row
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.importing.channels import CHANNELS, SENSED
+from hil.importing.can_log import import_can_log, is_can_log
+from hil.importing.channels import CHANNELS, COMPONENTS, SENSED
 from hil.importing.columns import write_columns
+from hil.importing.demodulated import Carrier, carrier_of, on_one_carrier, require_streams
 from hil.importing.mapping import RecordMap, read_map
 from hil.importing.matlab import MatlabSource, is_matlab
 from hil.importing.naming import Asked, asked_of
@@ -67,27 +69,41 @@ def import_file(request: ImportRequest) -> Imported:
     Raises InputError with file, line or column, and the remedy; the target is then left as it was.
     """
     target, map_file, hold = request.target, request.map_file, request.hold
+    _require_file(request.source)
+    carrier = carrier_of(request.demodulated)
+    if request.dbc is not None:
+        capture, frames, said = import_can_log(request.source, target, request.dbc, request.reference)
+        return Imported(target, capture, frames, (), said)
+    if is_can_log(request.source):
+        raise InputError(f"{request.source}: a log of CAN frames; say what they are by --dbc FILE")
     mapping = None if map_file is None else read_map(map_file)
     opened = open_source(request.source, mapping or PLAIN, map_file)
-    may_be_own = mapping is None and hold is None
+    may_be_own = mapping is None and hold is None and carrier is None
     if may_be_own and isinstance(opened, ParquetSource | MatlabSource) and (own := opened.exported):
         capture = read_back(opened, own, target)
         return Imported(target, capture, len(capture), ())
     if hold is None and mapping is None and isinstance(opened, ParquetSource):
         hold = opened.hold
-    return import_from(opened, target, mapping, map_file=map_file, hold=hold, nonuniform=request.nonuniform)
+    return import_from(
+        opened, target, mapping, map_file=map_file, hold=hold, nonuniform=request.nonuniform, carrier=carrier
+    )
 
 
-def open_source(
-    path: Path, mapping: RecordMap, map_file: Path | None
-) -> ParquetSource | MatlabSource | PackagedSource | TextSource:
-    """The file at `path` as a source. Raises InputError for a key of the map that has no meaning for its kind."""
+def _require_file(path: Path) -> None:
+    """Nothing else is opened: a pipe would wait for a writer.  Raises InputError."""
     try:
         kind = what_instead(path)
     except OSError:
         kind = None  # the source says why it cannot be read
     if kind is not None:
         raise InputError(f"{path}: is {kind}, and only files are imported; copy what it gives into one")
+
+
+def open_source(
+    path: Path, mapping: RecordMap, map_file: Path | None
+) -> ParquetSource | MatlabSource | PackagedSource | TextSource:
+    """The file at `path` as a source. Raises InputError for a key of the map that has no meaning for its kind."""
+    _require_file(path)
     if is_parquet(path):
         require_keys_act(mapping, ParquetSource.kind, str(path), map_file)
         return ParquetSource(path)
@@ -118,16 +134,18 @@ def import_from(
     hold: Hold | None = None,
     nonuniform: bool = False,
     remedies: Remedies | None = None,
+    carrier: Carrier | None = None,
 ) -> Imported:
     """Write the capture of an opened source."""
     given = mapping or PLAIN
-    asked = asked_of(source, given)
+    asked = asked_of(source, given, carrier)
     where = {_of_where(source, name): text for name, text in given.where.items()}
     wanted = [Wanted(part.at, part.called, part.is_time, part.source.thousands) for part in asked.parts]
     called = {_of_where(source, name): name for name in given.where}
     table = source.read(wanted, Selection(where, given.rows, given.missing or (), called))
     try:
-        return _written(source, target, given, asked, table, hold or given.hold, nonuniform, remedies or Remedies())
+        how = (hold or given.hold, nonuniform, remedies or Remedies())
+        return _written(source, target, given, asked, table, how, carrier)
     except ValueError as error:
         if isinstance(error, InputError):
             raise
@@ -140,10 +158,10 @@ def _written(
     mapping: RecordMap,
     asked: Asked,
     table: Table,
-    hold: Hold,
-    nonuniform: bool,
-    remedies: Remedies,
+    how: tuple[Hold, bool, Remedies],
+    carrier: Carrier | None,
 ) -> Imported:
+    hold, nonuniform, remedies = how
     stamps = time_of(source, asked, table, may_be_missing=bool(mapping.missing))
     channels: dict[str, npt.NDArray[np.float64]] = {}
     for part, values in zip(asked.parts, table.columns, strict=True):
@@ -170,8 +188,12 @@ def _written(
     said: list[str] = []
     time, t_s = numbered_rows(source, mapping, table, stamps, ~lost, nonuniform, remedies, said)
     kept = {name: values[~lost] for name, values in channels.items()}
+    told_of_it: dict[str, Any] = {}
+    if carrier is not None:
+        require_streams(source, mapping, time)
+        kept, told_of_it["carrier_Hz"] = on_one_carrier(source, kept, time, carrier)
     made = prepared({"t_s": t_s, **kept}, segments, hold, time, mapping)
-    names = [name for name in (*CHANNELS, *SENSED.values()) if name in made.channels]
+    names = [name for name in (*CHANNELS, *SENSED.values(), *COMPONENTS) if name in made.channels]
     layout = import_layout(
         names,
         tick_rate_Hz=made.rate_Hz,
@@ -180,7 +202,7 @@ def _written(
         segments=made.segments,
         steady=mapping.steady,
         sense_unit=mapping.sense_unit,
-        told=made.told | ({"prepared": [*said, *made.told.get("prepared", ())]} if said else {}),
+        told=told_of_it | made.told | ({"prepared": [*said, *made.told.get("prepared", ())]} if said else {}),
     )
     write_columns(target, layout, {name: made.channels[name] for name in names}, time.tick if time.lost else None)
     capture = read_capture(target)

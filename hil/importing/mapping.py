@@ -9,7 +9,7 @@ from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Fie
 
 from hil.errors.strict_toml import read_toml
 from hil.importing.band import Band
-from hil.importing.channels import OWN, fault_in
+from hil.importing.channels import COMPONENTS, OWN, dimension_of, fault_in
 from hil.importing.units import (
     MOTIONS,
     VOLTS_OF_LEVELS,
@@ -82,7 +82,7 @@ class Source(_Table):
             elif self.is_level_in_volts(channel):
                 factor, addition = 1.0, 0.0
             else:
-                factor, addition = factor_and_addition(channel.split("_", 1)[1], self.unit)
+                factor, addition = factor_and_addition(dimension_of(channel), self.unit)
         except ValueError as error:
             raise ValueError(f"[columns.{channel}] {error}") from None
         return factor * self.scale, factor * self.offset + addition
@@ -133,6 +133,23 @@ class Columns(_Table):
     uy_V: Source | None = None
     rate_rad_s: Source | None = None
     temp_C: Source | None = None
+    vx_i_V: Source | None = None
+    vx_q_V: Source | None = None
+    vy_i_V: Source | None = None
+    vy_q_V: Source | None = None
+    ux_i_mps2: Source | None = None
+    ux_q_mps2: Source | None = None
+    uy_i_mps2: Source | None = None
+    uy_q_mps2: Source | None = None
+    ux_i_N: Source | None = None
+    ux_q_N: Source | None = None
+    uy_i_N: Source | None = None
+    uy_q_N: Source | None = None
+    ux_i_V: Source | None = None
+    ux_q_V: Source | None = None
+    uy_i_V: Source | None = None
+    uy_q_V: Source | None = None
+    carrier_Hz: Source | None = None
 
     def given(self) -> dict[str, Source]:
         """Channels that have a source, in the order of the interchange file."""
@@ -216,9 +233,7 @@ class RecordMap(_Table):
     def _require_columns(self, channels: dict[str, Source]) -> None:
         if self.steady and (self.sampling_rate_Hz is not None or "t_s" in channels):
             raise ValueError("steady: steady states have no time; leave out t_s and sampling_rate_Hz")
-        needs_time = self.sampling_rate_Hz is None and not self.steady
-        fault = fault_in(list(channels), needs_time=needs_time, mapped=True)
-        if fault:
+        if not self.is_demodulated and (fault := fault_in(list(channels), needs_time=self.needs_time, mapped=True)):
             raise ValueError(f"[columns] {fault}")
         own = [channels[name].unit for name in OWN if name in channels]
         if len(set(own)) > 1:
@@ -275,6 +290,16 @@ class RecordMap(_Table):
         if fault := band.fault():
             raise ValueError(f"[filter] {fault}")
         return band
+
+    @property
+    def is_demodulated(self) -> bool:
+        """Whether its columns are of demodulated streams."""
+        return self.columns is not None and bool(self.columns.given().keys() & {*COMPONENTS, "carrier_Hz"})
+
+    @property
+    def needs_time(self) -> bool:
+        """Whether the record must have a column of it."""
+        return self.sampling_rate_Hz is None and not self.steady
 
     @property
     def base_motion(self) -> Motion | None:

@@ -5,7 +5,8 @@ from typing import NamedTuple
 
 from hil.errors import InputError
 from hil.importing.array_source import ArraySource
-from hil.importing.channels import CHANNELS, fault_in, near_channel
+from hil.importing.channels import CHANNELS, dimension_of, fault_in, near_channel
+from hil.importing.demodulated import CARRIER, Carrier, components_fault
 from hil.importing.mapping import Addend, RecordMap, Time
 from hil.importing.mapping import Source as Entry
 from hil.importing.matlab import MatlabSource
@@ -15,7 +16,7 @@ from hil.importing.text_source import TextSource
 
 _OURS = ("tick", "flags")
 """Columns of an export: what a record counts and marks by itself."""
-_SI = {"V": "V", "N": "N", "mps2": "m/s^2", "rad_s": "rad/s", "C": "degC"}
+_SI = {"V": "V", "amplitude_V": "V", "Hz": "Hz", "N": "N", "mps2": "m/s^2", "rad_s": "rad/s", "C": "degC"}
 
 
 class Part(NamedTuple):
@@ -42,46 +43,62 @@ class Asked(NamedTuple):
     left_out: tuple[str, ...] = ()
 
 
-def asked_of(source: Source, mapping: RecordMap) -> Asked:
-    """The columns that a map asks for; without [columns] those whose names are channels."""
+def asked_of(source: Source, mapping: RecordMap, carrier: Carrier | None = None) -> Asked:
+    """The columns that a map asks for; without [columns] those whose names are channels. `carrier`: of demodulated
+    streams.
+    """
     if mapping.columns is None:
-        return _by_their_names(source, mapping)
+        return _by_their_names(source, mapping, carrier)
+    given = mapping.columns.given()
+    if carrier is not None and carrier.hertz is None and CARRIER not in given:
+        given[CARRIER] = Entry(column=carrier.column, unit="Hz")
+    if carrier is None and mapping.is_demodulated:
+        raise InputError(f"{source.called}: the map's columns are of demodulated streams; give --demodulated")
+    if carrier is not None and (fault := components_fault(list(given), carrier, needs_time=mapping.needs_time)):
+        raise InputError(f"{source.called}: [columns] {fault}")
     parts: list[Part] = []
-    for channel, entry in mapping.columns.given().items():
+    for channel, entry in given.items():
         called = f"{entry.column} ({channel})"
         parts.append(Part(channel, _located(source, channel, entry.column), called, entry, *_unit(channel, entry)))
         parts += [_addend(source, addend, entry) for addend in (entry.add if isinstance(entry, Time) else ())]
     return Asked(parts)
 
 
-def _by_their_names(source: Source, mapping: RecordMap) -> Asked:
+def _by_their_names(source: Source, mapping: RecordMap, carrier: Carrier | None) -> Asked:
     names = [name.removeprefix("capture.") if isinstance(source, MatlabSource) else name for name in source.names]
     if isinstance(source, MatlabSource) and not set(names) & set(CHANNELS):
         raise InputError(f"{source.called}: a MATLAB file; give a --map that says which variable is which channel")
     place = f"{source.called}:{source.header_line}" if isinstance(source, TextSource) else source.called
+    own = {} if carrier is None or carrier.hertz is not None else {carrier.column: CARRIER}
     wanted = [name for name in names if name not in _OURS]
+    if own and carrier is not None:
+        source.locate(carrier.column)
     left_out: tuple[str, ...] = ()
-    if isinstance(source, ParquetSource | MatlabSource):  # tables of many columns, of which some are asked for
+    if isinstance(source, ParquetSource | MatlabSource) and carrier is None:  # of many columns some are asked for
         left_out = tuple(name for name in wanted if name not in CHANNELS and near_channel(name) is None)
         wanted = [name for name in wanted if name not in left_out]
-    needs_time = mapping.sampling_rate_Hz is None and not mapping.steady
+    needs_time = mapping.needs_time
     if needs_time and "t_s" not in names and isinstance(source, ArraySource):
         raise InputError(f"{place}: no column t_s; add it, in seconds")
-    if fault := fault_in(wanted, needs_time=needs_time):
+    if carrier is not None:
+        fault = components_fault([own.get(name, name) for name in wanted], carrier, needs_time=needs_time)
+    else:
+        fault = fault_in(wanted, needs_time=needs_time)
+    if fault:
         if asked := source.advice(""):
             fault = f"{'the line is one cell' if len(names) == 1 else fault.partition(';')[0]}; {asked}"
         raise InputError(f"{place}: {fault}")
     if mapping.steady and "t_s" in wanted:
         raise InputError(f"{place}: column t_s: steady states have no time; leave it out, by a map with [columns]")
-    return Asked([_plain(source, name, names.index(name)) for name in wanted], left_out)
+    return Asked([_plain(source, name, names.index(name), own.get(name, name)) for name in wanted], left_out)
 
 
-def _plain(source: Source, name: str, at: int) -> Part:
-    """A channel by its own name, in its own unit."""
+def _plain(source: Source, name: str, at: int, channel: str) -> Part:
+    """A channel in its own unit."""
     if isinstance(source, MatlabSource):
         at = source.locate(source.names[at])
-    unit = "s" if name == "t_s" else _SI[name.split("_", 1)[1]]
-    return Part(name, at, name, Entry(column=name, unit=unit))
+    unit = "s" if name == "t_s" else _SI[dimension_of(channel)]
+    return Part(channel, at, name, Entry(column=name, unit=unit))
 
 
 def _unit(channel: str, entry: Entry) -> tuple[str | None, float, float]:

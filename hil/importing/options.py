@@ -25,6 +25,10 @@ class ImportOptions(TypedDict, total=False):
         Help("What the drive did between samples.  [default: the map's, or zoh]"),
     ]
     nonuniform: Annotated[bool, Help("Accept uneven time steps and gaps.")]
+    demodulated: Annotated[
+        str | None,
+        Help("Streams of a lock-in, X and Y of two channels: their carrier in Hz, or the column that has it."),
+    ]
 
 
 class LocalImportOptions(ImportOptions, total=False):
@@ -33,4 +37,9 @@ class LocalImportOptions(ImportOptions, total=False):
     out: Annotated[
         Path | str | None, Called("out", "o"), Help("Capture to write.  [default: the file's name with .arrow]")
     ]
+    dbc: Annotated[
+        Path | str | None,
+        Help("Of a log of CAN frames (candump, BLF, ASC, MF4, TRC): its DBC, or the name of a gyro that is known."),
+    ]
+    reference: Annotated[str | None, Help("Of a log with several rates: the one that is true.")]
     replace: Annotated[bool, Help("Overwrite an existing file.")]

@@ -64,7 +64,7 @@ def read_back(source: Source, found: Exported, target: Path) -> Capture:
         if name == _FLAGS:
             columns.append(Column(_FLAGS, "u1"))
         elif name != TICK.name:
-            unit = name.split("_", 1)[1] if name.startswith(("ux_", "uy_")) else found.units.get(name, "")
+            unit = name.rsplit("_", 1)[1] if name.startswith(("ux_", "uy_")) else found.units.get(name, "")
             columns.append(Column(name, "f8", unit, clock=BENCH if name == "t_s" else ""))
     layout = Layout("capture", tuple(columns), block_rows_for(float(found.header["tick_rate_Hz"])), found.header)
     ticks = values.pop(TICK.name)
@@ -83,7 +83,10 @@ _LOST: Mapping[str, Callable[[Capture], bool]] = {
     "the hold of its drive": lambda capture: capture.hold != "zoh",
     "the latency of its drive": lambda capture: capture.latency_ticks != 0,
     "who recorded it": lambda capture: capture.header.get("identity") is not None,
-    "the flags of its rows": lambda capture: bool(np.any(capture.flags & ~np.uint8(RowFlag.GAP_BEFORE))),
+    "the flags of its rows": lambda capture: any(
+        np.any(piece.flags & ~np.uint8(RowFlag.GAP_BEFORE)) for piece in capture.pieces()
+    ),
+    "the carrier of its demodulated streams": lambda capture: capture.carrier_Hz is not None,
     "the unit of what was sensed": lambda capture: capture.sense_unit != "V",
 }
 

@@ -22,6 +22,9 @@ class ImportRequest:
     map_file: Path | None = None
     hold: Hold | None = None
     nonuniform: bool = False
+    dbc: str | None = None
+    reference: str | None = None
+    demodulated: str | None = None
 
 
 def request_of(source: Path | str, options: ImportOptions) -> ImportRequest:
@@ -30,7 +33,15 @@ def request_of(source: Path | str, options: ImportOptions) -> ImportRequest:
     wanted = named_after(file) if given["out"] is None else path_of("out", given["out"])
     target = fresh(wanted, replace=bool(given["replace"]), source=file)
     require_hold(given["hold"])
-    return ImportRequest(file, target, map_of(given["mapping"]), given["hold"], bool(given["nonuniform"]))
+    dbc = None if given["dbc"] is None else str(path_of("dbc", given["dbc"]))
+    if given["reference"] is not None and dbc is None:
+        raise InputError(f"--reference: {file} is imported without a DBC; give --dbc, or map the column to rate_rad_s")
+    if given["demodulated"] is not None and dbc is not None:
+        raise InputError("--demodulated: a log of CAN frames has no demodulated streams; leave out --dbc")
+    return ImportRequest(
+        file, target, map_of(given["mapping"]), given["hold"], bool(given["nonuniform"]), dbc, given["reference"],
+        given["demodulated"],
+    )  # fmt: skip
 
 
 def require_hold(hold: object) -> None:

@@ -35,7 +35,11 @@ UNITS: dict[str, dict[str, tuple[float, float]]] = {
         "deg/h": (_TURN_RAD / 360 / 3600, 0.0),
         "rpm": (_TURN_RAD / 60, 0.0),
     },
+    "Hz": {"Hz": (1.0, 0.0), "kHz": (1e3, 0.0), "MHz": (1e6, 0.0)},
     "C": {"degC": (1.0, 0.0), "°C": (1.0, 0.0), "K": (1.0, -273.15)},
+}
+UNITS["amplitude_V"] = UNITS["V"] | {  # an instrument may tell a component's rms
+    f"{unit}rms": (2**0.5 * factor, 0.0) for unit, (factor, _) in UNITS["V"].items()
 }
 
 

@@ -12,6 +12,7 @@ from estimator.hold import drive_polynomials
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device
+from estimator.spans import spans
 from hil.bench import Bench
 from hil.records.capture import Capture, Hold, RowFlag
 
@@ -71,7 +72,7 @@ def _polynomials(drive: Array, known: NDArray[np.bool_], hold: Hold) -> Array:
     if hold == "zoh" or known.all():
         return drive_polynomials(drive, hold)
     straight = drive_polynomials(drive, "foh")
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], known, [False]]).astype(int))).reshape(-1, 2).tolist()
+    edges = spans(known)
     pieces = [drive_polynomials(drive[begin:end], hold) for begin, end in edges]
     made = np.zeros((*drive.shape, pieces[0].shape[2]))
     made[:, :, : straight.shape[2]] = straight
@@ -82,8 +83,10 @@ def _polynomials(drive: Array, known: NDArray[np.bool_], hold: Hold) -> Array:
 
 
 def drives_of(record: Capture, device: Device) -> Drives | None:
-    """How the drive of a record goes with the rows around it, by some of its rows; None where none is missing."""
-    if len(record) < 2:
+    """How the drive of a record goes with the rows around it, by some of its rows; None where none is missing, and of
+    demodulated streams, which change slowly.
+    """
+    if len(record) < 2 or record.carrier_Hz is not None:
         return None
     first, last = record.ends
     if last - first + 1 == len(record):
@@ -113,8 +116,9 @@ def _spread_out(record: Capture) -> tuple[Array, Array, NDArray[np.bool_]]:
     """sense (n, axes), drive (n, axes) and whether it is known (n,), a row a tick."""
     tick = record.tick - record.tick[0]
     n = int(tick[-1]) + 1
-    sense, drive, known = np.full((n, record.axes), np.nan), np.zeros((n, record.axes)), np.zeros(n, bool)
-    sense[tick], drive[tick], known[tick] = record.sense_V, record.drive, True
+    shown, driven = record.sense_V, record.drive
+    sense, drive, known = np.full((n, shown.shape[1]), np.nan), np.zeros((n, driven.shape[1])), np.zeros(n, bool)
+    sense[tick], drive[tick], known[tick] = shown, driven, True
     held = np.zeros(n, bool)
     held[tick] = record.flags & RowFlag.LATE_ANSWER_HELD != 0
     for row in (np.flatnonzero(np.diff(tick) > 1) + 1)[held[tick[1:][np.diff(tick) > 1]]]:

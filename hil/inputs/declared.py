@@ -40,11 +40,16 @@ def board_device_of(bench: Bench) -> settings.Device:
 
 
 def recorded_device_of(bench: Bench, record: "Capture") -> settings.Device:
-    """The device as a record shows it: with the record's noise and its drive's unit.
+    """The device as a record shows it: with the record's noise and its drive's unit. A component of demodulated streams
+    has the density of the declared noise, up to half of the streams' rate.
 
     Raises InputError as `device_of`, and where the bench file does not tell what a volt of that drive does.
     """
-    return device_of(bench, record.noise_gain, record.drive_unit if record.has_drive else None)
+    gain, rate_Hz = record.noise_gain, record.tick_rate_Hz
+    if record.carrier_Hz is not None:
+        gain *= math.sqrt(2.0 * rate_Hz / bench.device.sample_rate_Hz)
+    device = device_of(bench, gain, record.drive_unit if record.has_drive else None)
+    return device if record.carrier_Hz is None else replace(device, sample_rate=rate_Hz)
 
 
 def resonator_of(bench: Bench) -> Resonator:
@@ -67,19 +72,21 @@ def _declared(bench: Bench, noise_gain: float, drive_unit: DriveUnit) -> setting
         )
     axes, order = device.axes, device.sense.order
     omega0 = math.sqrt(bench.target_stiffness_per_s2)
+    interface = device.sense.interface.map(axes, omega0)
     declared = settings.Device(
         sample_rate=device.sample_rate_Hz,
         stiffness=device.stiffness_per_s2,
         damping=device.damping_per_s,
         amplitude=device.amplitude_m,
         sense_gain=tuple(gain * omega0**order for gain in device.sense_gains_V_per_m),
-        noise=(noise_gain * device.sense.noise_V,) * axes,
+        noise=(noise_gain * device.sense.noise_V * interface.mean_noise(device.amplitude_m),) * axes,
         mass=device.mass_kg,
         drive_gain=float(mps2_per_unit),
         target_stiffness=bench.target_stiffness_per_s2,
         angular_gain=device.calibration.angular_gain,
         sensed=(settings.Sensed(order),) * axes,
         sense_unit=device.sense.unit,
+        interface=interface,
     )
     return replace(declared, own=own_effects(bench, declared))
 

@@ -4,6 +4,7 @@ import math
 from typing import Literal, NamedTuple
 
 from hil.bench import Bench
+from hil.bench.classic import PLUGIN
 from hil.numbers import percent, quantity
 
 Kind = Literal["pattern", "rate", "none"]
@@ -21,10 +22,16 @@ def formula_of(bench: Bench) -> Formula:
     oscillator of the device, and in open loop where the declared gyro is one by itself.
 
     Elsewhere the pattern turns by itself.  With the parameters known (the observer of 7 states) the integrated rate is
-    an angle all the same; estimated beside it, they take their part of it, and there is none.
+    an angle all the same; estimated beside it, they take their part of it, and there is none.  A plug-in sees to
+    its angle itself.
     """
     if bench.device.axes == 1:
         return Formula("none", "a single axis has no angle")
+    if bench.observer.plugin is not None:
+        own = "the formula of the loops" if bench.observer.plugin == PLUGIN else "the plug-in's own formula"
+        if bench.controller.enabled:
+            return Formula("pattern", own)
+        return Formula("rate", f"{own}, without control")
     if bench.controller.enabled:
         return Formula(
             "pattern", "formula (11), minus the turn by drive forces: the control law makes the gyro isotropic"

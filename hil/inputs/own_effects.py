@@ -7,6 +7,7 @@ The entry point has the name of its effect and leads to an `estimator.custom.Dec
 `estimator.effects.declaration.Effect` for what a law of text cannot say.
 """
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from importlib.metadata import EntryPoint, entry_points
@@ -14,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from estimator.custom import Declaration
 from estimator.custom.declaration import UNNAMED
+from estimator.custom.sensing import declared_map
 from estimator.errors import ModelError
 from estimator.settings import Device
 from hil.bench import Bench
@@ -46,7 +48,7 @@ def packaged() -> Packaged:
 
 def may_have_any(bench: Bench) -> bool:
     """Whether the bench file or a package declares one; quickly known."""
-    return bool(bench.effects.custom) or bool(entry_points(group=GROUP))
+    return bench.device.sense.interface.kind != "comb" or bool(bench.effects.custom) or bool(entry_points(group=GROUP))
 
 
 def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
@@ -61,6 +63,8 @@ def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
 
     taken = _Taken()
     axes, scaling = device.axes, _scaling(device)
+    if device.interface is not None and (map_ := declared_map(device.interface)) is not None:
+        taken.add(built(map_, scaling, axes))
     for name, one in bench.effects.custom.items():
         try:
             taken.add(built(one.declared(name), scaling, axes))
@@ -81,12 +85,14 @@ def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
 
 def carried(bench: Bench) -> dict[str, dict[str, float]]:
     """The effects that the observer of `bench` is to carry, with initial values: those named, and those declared."""
+    sensed = bench.device.sense.interface.map(bench.device.axes, math.sqrt(bench.target_stiffness_per_s2))
+    interface = {} if (map_ := declared_map(sensed)) is None else {map_.name: map_.start}
     known = {name: one.declared(name).start for name, one in bench.effects.custom.items()}
     if set(bench.effects.named) - set(known):
         known |= {name: one.start for name, one in packaged().effects.items() if isinstance(one, Declaration)}
     effects = {name: {**known.get(name.partition(":")[0], {}), **given} for name, given in bench.effects.named.items()}
     declared = {name: known[name] for name, one in bench.effects.custom.items() if one.carried}
-    return {**effects, **{name: given for name, given in declared.items() if name not in effects}}
+    return {**interface, **effects, **{name: given for name, given in declared.items() if name not in effects}}
 
 
 def left_out() -> list[str]:

@@ -8,7 +8,7 @@ import math
 import os
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from io import BufferedReader
 from pathlib import Path
@@ -29,6 +29,7 @@ from hil.records.seal import (
     head_length,
     is_sealed,
     lengths_of,
+    note_span,
 )
 from hil.wire.regular_file import require_regular
 
@@ -59,7 +60,6 @@ class Scan:
     dtypes: Mapping[str, np.dtype[Any]]
     blocks: tuple[Block, ...]
     complete: bool
-    sealed: bool
     damage: str
     opening: int
     """Bytes of the header."""
@@ -99,20 +99,21 @@ class StoredColumns(Mapping[str, npt.NDArray[Any]]):
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
         dtype = self._scan.dtypes[name]
         values = np.empty(self.rows, dtype)
-        column = list(self._scan.dtypes).index(name)
+        room, filled = values.view(np.uint8).data, 0
+        column, blocks = list(self._scan.dtypes).index(name), self._scan.blocks
+        first = max(bisect_right(self._firsts, self._start) - 1, 0)
         with opened(self._scan.path, "record") as file:
-            row = self._start
-            block = max(bisect_right(self._firsts, row) - 1, 0)
-            while row < self._stop:
-                at = self._scan.blocks[block]
-                count = min(at.first_row + at.rows, self._stop) - row
-                if count > 0:
-                    place = at.start + at.columns[column] + (row - at.first_row) * dtype.itemsize
-                    piece = values[row - self._start : row - self._start + count]
-                    if os.preadv(file.fileno(), [piece.view(np.uint8).data], place) != piece.nbytes:
-                        raise InputError(f"{self._scan.path}: became shorter while it was read; give a finished record")
-                    row += count
-                block += 1
+            number = file.fileno()
+            for block in range(first, len(blocks)):
+                at = blocks[block]
+                row = max(self._start, at.first_row)
+                if row >= self._stop:
+                    break
+                size = (min(at.first_row + at.rows, self._stop) - row) * dtype.itemsize
+                place = at.start + at.columns[column] + (row - at.first_row) * dtype.itemsize if size else 0
+                if size and os.preadv(number, [room[filled : filled + size]], place) != size:
+                    raise InputError(f"{self._scan.path}: became shorter while it was read; give a finished record")
+                filled += size
         return values
 
     def __contains__(self, name: object) -> bool:
@@ -176,13 +177,11 @@ def _row_of(columns: Columns, tick: int) -> int:
 
 @dataclass(frozen=True)
 class Blocks:
-    """What was read from one file: columns (n,), the header, whether the end marker was there, and whether the blocks
-    carried checksums."""
+    """What was read from one file: columns (n,), the header, and whether the end marker was there."""
 
     columns: Columns
     header: Mapping[str, Any]
     complete: bool
-    sealed: bool
 
     @property
     def rows(self) -> int:
@@ -193,16 +192,15 @@ class Blocks:
 def read_blocks(path: Path, kind: str) -> Blocks:
     """Every whole block of a record file of the given kind, checked.
 
-    A file cut anywhere after its first block gives the blocks before the cut and `complete` False; so does one from
-    before there were checksums whose later part is damaged. A truth from before then is a plain Arrow stream, whose
-    blocks carry no numbers and which has no end marker to miss. Raises InputError when it cannot be opened, is no Arrow
-    stream of this bench, is of another kind or a newer version, or when a checksum differs.
+    A file cut anywhere after its first block gives the blocks before the cut and `complete` False. Raises InputError
+    when it cannot be opened, is no Arrow stream of this bench with checksums, is of another kind or a newer version, or
+    when a checksum differs.
     """
     scan = scan_blocks(path, kind)
     if scan.damage:
         rest = f"hil check --repair keeps the {scan.rows} rows before it" if scan.blocks else "restore the file"
         raise InputError(f"{path}: {scan.damage}; {rest}")
-    return Blocks(StoredColumns(scan, 0, scan.rows), scan.header, scan.complete, scan.sealed)
+    return Blocks(StoredColumns(scan, 0, scan.rows), scan.header, scan.complete)
 
 
 def scan_blocks(path: Path, kind: str | None) -> Scan:
@@ -211,25 +209,20 @@ def scan_blocks(path: Path, kind: str | None) -> Scan:
     with opened(path, kind or "record") as file:
         size = os.fstat(file.fileno()).st_size
         opening = read_opening(path, file, kind)
-        numbered = opening.header["kind"] != "truth"
-        passage = _Passage(file, size, opening.data, opening.heads, numbered)
-        blocks, complete, damage = passage.blocks()
-        sealed = opening.heads is not None
-        if sealed and not blocks and not damage:
+        blocks, complete, damage = _Passage(file, size, opening.data, opening.heads).blocks()
+        if not blocks and not damage:
             raise InputError(f"{path}: no {_called(kind)}: cut inside its header; give a {kind or 'record'} file")
-    return Scan(
-        path, opening.header, opening.dtypes, tuple(blocks), complete, sealed, damage, len(opening.data)
-    )  # fmt: skip
+    return Scan(path, opening.header, opening.dtypes, tuple(blocks), complete, damage, len(opening.data))
 
 
 class Opening(NamedTuple):
     """How a record file begins: its bytes, what the header says, the columns, and the lengths that heads of its blocks
-    have, None where they carry no checksums."""
+    have."""
 
     data: bytes
     header: Mapping[str, Any]
     dtypes: Mapping[str, np.dtype[Any]]
-    heads: tuple[int, ...] | None
+    heads: tuple[int, ...]
 
 
 def read_opening(path: Path, file: BufferedReader, kind: str | None) -> Opening:
@@ -244,8 +237,7 @@ def read_opening(path: Path, file: BufferedReader, kind: str | None) -> Opening:
             f"{path}: no {_called(kind)}: not an Arrow stream, or cut inside its header; give a {kind or 'record'} file"
         ) from None
     header = _header(path, kind, schema)
-    seal = header.get("checksum")
-    return Opening(data, header, _dtypes(path, schema), None if seal is None else _heads(path, seal))
+    return Opening(data, header, _dtypes(path, schema), _heads(path, header))
 
 
 class GrowingFile:
@@ -259,9 +251,7 @@ class GrowingFile:
         self.header = scan.header
         self._path, self._dtypes, self._opening = path, scan.dtypes, scan.opening
         self._file = path.open("rb")
-        self._passage = _Passage(
-            self._file, 0, self._file.read(scan.opening), _heads(path, scan.header["checksum"]), True
-        )
+        self._passage = _Passage(self._file, 0, self._file.read(scan.opening), _heads(path, scan.header))
         self._taken = 0  # blocks
         self._rows = 0
         self.complete = False
@@ -283,7 +273,7 @@ class GrowingFile:
         self._file.close()
 
     def _part(self, blocks: list[Block], stop: int) -> Columns:
-        scan = Scan(self._path, self.header, self._dtypes, tuple(blocks), self.complete, True, "", self._opening)
+        scan = Scan(self._path, self.header, self._dtypes, tuple(blocks), self.complete, "", self._opening)
         start, self._rows = self._rows, stop
         return StoredColumns(scan, start, stop)
 
@@ -291,26 +281,24 @@ class GrowingFile:
 class _Passage:
     """Goes from block to block of an open file."""
 
-    def __init__(
-        self, file: BufferedReader, size: int, opening: bytes, heads: tuple[int, ...] | None, numbered: bool
-    ) -> None:
+    def __init__(self, file: BufferedReader, size: int, opening: bytes, heads: tuple[int, ...]) -> None:
         self._file = file
         self._size = size
         self._opening = opening
         self._heads = heads
-        self._numbered = numbered
         self._at = len(opening)
         self._before = crc32c(opening)
         self._found: list[Block] = []
         self._rows = 0
+        self._ahead, self._ahead_at = b"", -1
+        self._usual: tuple[bytes, bytes, tuple[int, ...], int] | None = None  # of the last block, as `_decoded` has it
+        self._length = 0
 
     def blocks(self) -> tuple[list[Block], bool, str]:
         """The whole blocks, whether the file is complete, and what is damaged, in words."""
         try:
             complete = self._go()
         except BrokenBlockError as broken:
-            if self._heads is None:  # before there were checksums, damage could not be told from a cut
-                return self._found, False, ""
             place = f"block {len(self._found)}, from row {self._rows} on," if self._found else "the header or block 0"
             return self._found, False, f"{place} is damaged: {broken}"
         return self._found, complete, ""
@@ -323,35 +311,29 @@ class _Passage:
         while True:
             left = self._size - self._at
             prefix = self._read(PREFIX)
-            if prefix == END_OF_STREAM and not self._numbered and self._heads is None:
-                return True
             if left < PREFIX:
-                return not self._numbered and self._heads is None and not left
+                return False
             length = head_length(prefix)
-            if self._heads is not None and length not in self._heads:
+            if length not in self._heads:
                 raise BrokenBlockError("its length is none that a block here has")
             if left < length:
                 return False
             head = self._read(length)
-            before, body_sum = self._before, 0
-            if self._heads is not None:
-                before, body_sum = checked_head(head, self._before)
-            elif is_sealed(head):
-                self._heads = ()
-                raise BrokenBlockError("it carries checksums of which the header says nothing")
+            before, body_sum = checked_head(head, self._before)
             message = lengths_of(head)
             if left < message.head + message.body:
                 return False
             data = self._read(message.head + message.body)
-            if self._heads is not None and crc32c(memoryview(data)[message.head :]) != body_sum:
+            if crc32c(memoryview(data)[message.head :]) != body_sum:
                 raise BrokenBlockError("its checksum differs")
             self._before = before  # only now: of a block that is cut the rest may still come
-            if self._took(data):
+            self._length = len(data)
+            if self._took(data, length):
                 return self._ended()
 
-    def _took(self, data: bytes) -> bool:
+    def _took(self, data: bytes, head: int) -> bool:
         """Take a block; True when it is the end marker."""
-        note, columns, rows = self._decoded(data)
+        note, columns, rows = self._decoded(data, head)
         if note.get("end"):
             if note.get("rows") != self._rows:
                 raise BrokenBlockError("the end marker counts other rows")
@@ -366,15 +348,29 @@ class _Passage:
         self._rows += rows
         return False
 
-    def _decoded(self, data: bytes) -> tuple[dict[str, Any], tuple[int, ...], int]:
-        """Note of a block, offset of each column in it, and its rows."""
+    def _decoded(self, data: bytes, head: int) -> tuple[dict[str, Any], tuple[int, ...], int]:
+        """Note of a block, offset of each column in it, and its rows: of one whose head, which is checked, is that of
+        the block before but for the note, those of that block.
+        """
+        note_at = note_span(data, head) if self._heads is not None else None
+        if note_at is not None and self._usual is not None:
+            before, after, offsets, rows = self._usual
+            if data[: note_at.start] == before and data[note_at.stop : head] == after:
+                with suppress(ValueError):
+                    return dict(json.loads(data[note_at])), offsets, rows
+        note, offsets, rows = self._opened(data)
+        if note_at is not None:
+            self._usual = data[: note_at.start], data[note_at.stop : head], offsets, rows
+        return note, offsets, rows
+
+    def _opened(self, data: bytes) -> tuple[dict[str, Any], tuple[int, ...], int]:
         together = pa.py_buffer(self._opening + data)
         start = together.address + len(self._opening)
         try:
             with pa.ipc.open_stream(together) as reader:
                 batch, metadata = reader.read_next_batch_with_custom_metadata()
             batch.validate(full=True)
-            note = dict(json.loads(metadata[HEADER_KEY])) if self._numbered or self._heads is not None else {}
+            note = dict(json.loads(metadata[HEADER_KEY]))
         except (pa.ArrowException, OSError, KeyError, TypeError, ValueError, StopIteration, RecursionError):
             raise BrokenBlockError("it is no block of this record") from None
         if any(column.null_count for column in batch.columns):
@@ -389,8 +385,13 @@ class _Passage:
         return True
 
     def _read(self, count: int) -> bytes:
-        self._file.seek(self._at)
-        return self._file.read(min(count, max(self._size - self._at, 0)))
+        """What stands next; a block as long as the last one is read at once."""
+        left = max(self._size - self._at, 0)
+        count = min(count, left)
+        if self._ahead_at != self._at or len(self._ahead) < count:
+            self._file.seek(self._at)
+            self._ahead, self._ahead_at = self._file.read(min(max(count, self._length), left)), self._at
+        return self._ahead if len(self._ahead) == count else self._ahead[:count]
 
 
 @contextmanager
@@ -465,19 +466,20 @@ def _header(path: Path, kind: str | None, schema: Any) -> dict[str, Any]:
     return header
 
 
+_NUMBERS = ("i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f2", "f4", "f8")
+
+
 def _dtypes(path: Path, schema: Any) -> dict[str, np.dtype[Any]]:
-    try:
-        found = {field.name: np.dtype(field.type.to_pandas_dtype()) for field in schema}
-    except (NotImplementedError, TypeError):
-        found = {}
-    if len(found) != len(schema) or not all(
-        issubclass(dtype.type, (np.integer, np.floating)) for dtype in found.values()
-    ):
+    """What each column holds; not by `to_pandas_dtype`, with which older versions of Arrow load pandas."""
+    names = {str(pa.from_numpy_dtype(kind)): np.dtype(kind) for kind in _NUMBERS}
+    if len(set(schema.names)) != len(schema) or not all(str(kind) in names for kind in schema.types):
         raise InputError(f"{path}: a column is no plain number; give a file that hil wrote")
-    return found
+    return {field.name: names[str(field.type)] for field in schema}
 
 
-def _heads(path: Path, seal: Any) -> tuple[int, ...]:
+def _heads(path: Path, header: Mapping[str, Any]) -> tuple[int, ...]:
+    if (seal := header.get("checksum")) is None:
+        raise InputError(f"{path}: a record without checksums, which this program does not read; use the hil of then")
     heads = seal.get("heads") if isinstance(seal, dict) else None
     if not isinstance(heads, list) or not all(isinstance(length, int) for length in heads):
         raise InputError(f"{path}: damaged header: what it says of checksums cannot be read; restore the file")

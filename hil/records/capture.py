@@ -29,6 +29,8 @@ DriveUnit = Literal["mps2", "N", "V"]
 
 DRIVE_UNITS: tuple[DriveUnit, ...] = get_args(DriveUnit)
 _AXES = ("x", "y")
+COMPONENTS = ("i_", "q_")
+"""Of a demodulated stream, in its columns' names: in phase, in quadrature."""
 
 TIME_LOCKSTEP = "bench time, which here is the board's own: it waits for the host at every tick"
 TIME_RUNNING = "bench time: ticks of the board's own clock; clock.arrow relates it to the host's"
@@ -52,9 +54,7 @@ def missing(lost: int, gaps: int) -> str:
 
 @dataclass(frozen=True)
 class Capture(Table):
-    """One record. `sealed` is False when it is from before there were checksums."""
-
-    sealed: bool = True
+    """One record."""
 
     @property
     def uniform(self) -> bool:
@@ -88,6 +88,12 @@ class Capture(Table):
         return tuple(self.header.get("prepared", ()))
 
     @property
+    def carrier_Hz(self) -> float | None:
+        """Of demodulated streams: what X and Y are the components of, X cos ωt − Y sin ωt; None of samples."""
+        carrier = self.header.get("carrier_Hz")
+        return None if carrier is None else float(carrier)
+
+    @property
     def hold(self) -> Hold:
         """What the drive does between samples."""
         hold: Hold = self.header["hold"]
@@ -110,13 +116,13 @@ class Capture(Table):
 
     @cached_property
     def sense_V(self) -> Floats:
-        """Sensed voltages (n, axes)."""
-        return self._stack([self._pick(f"v{axis}_") for axis in _AXES[: self.axes]])
+        """Sensed voltages (n, axes); of demodulated streams (n, 4): x and y in phase, then both in quadrature."""
+        return self._stack([self._pick(prefix) for prefix in self._prefixes("v")])
 
     @cached_property
     def drive(self) -> Floats:
-        """Drive (n, axes) in `drive_unit`; zero for a free response recorded without a drive channel."""
-        return self._stack([self._pick(f"u{axis}_") for axis in _AXES[: self.axes]])
+        """Drive, as `sense_V`, in `drive_unit`; zero for a free response recorded without a drive channel."""
+        return self._stack([self._pick(prefix) for prefix in self._prefixes("u")])
 
     @property
     def has_drive(self) -> bool:
@@ -132,7 +138,7 @@ class Capture(Table):
 
     @cached_property
     def flags(self) -> npt.NDArray[np.uint8]:
-        """`RowFlag` bits of each row (n,); a jump in `tick` is flagged whoever caused it."""
+        """`RowFlag` bits of each row (n,); a jump in `tick` is flagged whatever caused it."""
         stored = self.columns.get("flags")
         flags = np.zeros(len(self), np.uint8) if stored is None else stored.copy()
         flags[1:][np.diff(self.tick) != 1] |= np.uint8(RowFlag.GAP_BEFORE)
@@ -170,6 +176,10 @@ class Capture(Table):
         """Some of its rows; its segments are rows of the whole."""
         return replace(self, columns=columns, header={k: v for k, v in self.header.items() if k != "segments"})
 
+    def _prefixes(self, stem: str) -> list[str]:
+        parts = ("",) if self.carrier_Hz is None else COMPONENTS
+        return [f"{stem}{axis}_{part}" for part in parts for axis in _AXES[: self.axes]]
+
     def _pick(self, prefix: str) -> str | None:
         return next((name for name in self.columns if name.startswith(prefix)), None)
 
@@ -188,7 +198,7 @@ def read_capture(path: Path) -> Capture:
     sensed = any(name.startswith("vx_") or re.fullmatch("rate_.+_code", name) for name in blocks.columns)
     if "tick" not in blocks.columns or not sensed:
         raise InputError(f"{path}: a capture without tick or vx column; record or import it again")
-    return Capture(blocks.columns, blocks.header, blocks.complete, blocks.sealed)
+    return Capture(blocks.columns, blocks.header, blocks.complete)
 
 
 def board_layout(
@@ -200,16 +210,18 @@ def board_layout(
     drive_scale: float,
     identity: Mapping[str, Any] | None = None,
     lockstep: bool = False,
+    sense_unit: str = "V",
 ) -> Layout:
     """Layout of a capture recorded from a board: tick, codes (`vx_code`, …, `uy_code`), flags.
 
     `sense_scale_V` is volts per code, `drive_scale` is m/s² per code, held until the next; `identity` (JSON values) is
-    what the board said of itself. `lockstep` says that the board waited for the host at every tick.
+    what the board said of itself. `lockstep` says that the board waited for the host at every tick. `sense_unit` is
+    what a volt of the board's scale is called, where the sensor has another unit.
     """
     names = _AXES[:axes]
     columns = (
         TICK,
-        *(Column(f"v{axis}_code", "i4", "V", sense_scale_V) for axis in names),
+        *(Column(f"v{axis}_code", "i4", sense_unit, sense_scale_V) for axis in names),
         *(Column(f"u{axis}_code", "i4", "mps2", drive_scale) for axis in names),
         Column("flags", "u1"),
     )
@@ -241,7 +253,7 @@ def import_layout(
     columns = [TICK]
     for name in names:
         drive = name.startswith(("ux_", "uy_"))
-        unit = name.split("_", 1)[1] if drive else sense_unit if name.endswith("_sensed") else unit_of(name)
+        unit = name.rsplit("_", 1)[1] if drive else sense_unit if name.endswith("_sensed") else unit_of(name)
         columns.append(Column(name, "f8", unit, clock=BENCH if name == "t_s" else ""))
     header = {
         "tick_rate_Hz": tick_rate_Hz,

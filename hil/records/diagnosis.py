@@ -42,10 +42,18 @@ class Effect(_Model):
     equations: tuple[str, ...]
     coefficients: dict[str, Coefficient]
     evidence: float | None = Field(description="Twice the gain of log-likelihood on the fitting part")
-    undone: str = Field(description="How loop and angle are kept rid of it once it is declared")
+    compensation: str = Field(description="How loop and angle are kept rid of it once it is declared")
     angle_bound_rad: float | None = Field(
         default=None, description="What compensation leaves: the angle's error by the 95 % intervals, at most"
     )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_the_version_before(cls, given: object) -> object:
+        """`undone`, as `compensation` was called, is read for one version."""
+        if isinstance(given, dict) and "undone" in given:
+            return {("compensation" if key == "undone" else key): value for key, value in given.items()}
+        return given
 
 
 class Dependence(_Model):
@@ -99,7 +107,7 @@ class Finding(_Model):
     text: str
     size_V: float | None = Field(description="rms of that part of the residual, in sense_unit")
     significance: float | None = Field(description="In standard deviations, the many places looked at allowed for")
-    points_at: tuple[str, ...]
+    points_at: tuple[str, ...] = Field(default=(), exclude=True, description="Of older files; not written any more")
 
 
 class Channel(_Model):
@@ -143,23 +151,26 @@ class FormTerm(_Model):
 
     form: str = Field(
         description="In q, v, u: an axis' displacement, velocity, drive; p, w, s: those of the other axis; r, v of the "
-        "plane where the coefficient is of both; J turns by a right angle"
+        "plane where the coefficient is of both; J turns by a right angle; or an effect of the catalogue in words"
     )
     sensed: bool = Field(description="Whether it is added to the displacement that is sensed, and does not push")
-    coefficients: dict[str, Coefficient] = Field(description="By axis, x, y or both; of a wave by cos and sin as well")
+    coefficients: dict[str, Coefficient] = Field(
+        description="By axis, x, y or both; of a wave by cos and sin as well; of an effect by symbol"
+    )
     inside: dict[str, Coefficient] = Field(
         default_factory=dict, description="Numbers inside the form, found with it: a gap, a limit, a frequency"
     )
     laws: dict[str, tuple[str, str]] = Field(
         default_factory=dict,
-        description="By coefficient, what one of it adds along x and y, in the grammar of [effects.custom]; none for a "
-        "term with a memory",
+        description="By coefficient, what one of it adds along x and y, in the grammar of [effects.custom]; none for "
+        "an effect of the catalogue",
     )
+    effect: str = Field(default="", description="Name of the effect of the catalogue that has this form, or empty")
 
     @property
     def declarable(self) -> bool:
         """Whether a bench file can declare it, and it is more than nothing."""
-        return bool(self.laws) and not all(one.may_be_zero for one in self.coefficients.values())
+        return bool(self.laws or self.effect) and not all(one.may_be_zero for one in self.coefficients.values())
 
 
 class MissingForce(_Model):
@@ -263,7 +274,7 @@ class Diagnosis(json_file.Sealed, _Model):
     samples: Count
     split: Count = Field(description="Samples that were fitted; the rest was held out")
     thresholds: dict[str, dict[str, int | float | tuple[float, ...]]] = Field(
-        default_factory=dict, description="What tracing went by, group by group, as in docs/reference/thresholds.md"
+        default_factory=dict, description="What tracing went by, group by group, as in estimator/thresholds.py"
     )
 
 
@@ -336,7 +347,7 @@ def _effect(found: traced.Found) -> Effect:
         equations=found.equation,
         coefficients={symbol: coefficient(interval) for symbol, interval in found.coefficients.items()},
         evidence=_finite(found.evidence),
-        undone=found.undone,
+        compensation=found.compensation,
         angle_bound_rad=_finite(found.angle_bound),
     )
 
@@ -386,7 +397,6 @@ def _finding(finding: traced.Finding) -> Finding:
         text=finding.text,
         size_V=_finite(finding.size),
         significance=_finite(finding.significance),
-        points_at=finding.points_at,
     )
 
 

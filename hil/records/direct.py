@@ -72,8 +72,6 @@ class DirectRecord:
         self._file = open_record(path, kind or "record")
         try:
             self._opening: Opening = read_opening(path, self._file, kind)
-            if self._opening.heads is None:
-                raise InputError(f"{path}: a record without checksums, from before there were any; replay it anew")
             if next(iter(self.dtypes), "") != "tick":
                 raise InputError(f"{path}: a record whose first column is not tick; give one that hil wrote")
             self._find_blocks(os.fstat(self._file.fileno()).st_size)
@@ -191,7 +189,6 @@ class DirectRecord:
             lengths = lengths_of(head)
         except BrokenBlockError:
             return None
-        assert self._opening.heads is not None
         whole = lengths.head in self._opening.heads and at + lengths.head + lengths.body <= size
         return lengths.head + lengths.body if whole else None
 

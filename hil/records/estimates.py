@@ -40,10 +40,6 @@ _ZERO = (
     "angle and uncertainty count from bench time {at:g} s, where the scored window begins; "
     "rows before it count from the first row"
 )
-_TWO_ZEROS = (
-    "written before angles had one zero: angle_rad counts from the first row, angle_u_rad from the start of the scored "
-    "window"
-)
 
 
 def estimates_layout(
@@ -97,11 +93,8 @@ class Estimates(Table):
         """What its angles count from, one line; "" where it has none."""
         if "angle_rad" not in self:
             return ""
-        after = self.header.get("angle_zero_after_s")
-        if after is not None and len(self):
-            return _ZERO.format(at=scored_from_s(self.ends_s[0], after, self.tick_rate_Hz))
-        at = self.header.get("angle_zero_s")  # of older files, in bench time
-        return _TWO_ZEROS if at is None else _ZERO.format(at=at)
+        after = float(self.header.get("angle_zero_after_s", 0.0))
+        return _ZERO.format(at=scored_from_s(self.ends_s[0] if len(self) else 0.0, after, self.tick_rate_Hz))
 
     @cached_property
     def valid(self) -> npt.NDArray[np.bool_]:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from estimator.missing_force.result import Form, FormTerm, MissingForce
 from hil.errors import InputError
+from hil.numbers import with_and
 from hil.records import diagnosis as written
 from hil.records.atomic import replacing
 from hil.wire.regular_file import require_regular
@@ -101,16 +102,11 @@ def said(form: Form) -> str:
     sensed = [term.form for term in form.terms if term.sense]
     parts = []
     if pushing:
-        parts.append(f"the force has the form {_listed(pushing)}")
+        parts.append(f"the force has the form {with_and(pushing)}")
     if sensed:
-        parts.append(f"what is sensed has {_listed(sensed)} in it")
+        parts.append(f"what is sensed has {with_and(sensed)} in it")
     share = f"{form.left:.1%}" if form.left >= 0.001 else "less than 0.1%"
     return f"{', and '.join(parts)}; {share} of the force is left on the part held out"
-
-
-def _listed(forms: list[str]) -> str:
-    *others, last = forms
-    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _term(term: FormTerm) -> written.FormTerm:
@@ -120,6 +116,7 @@ def _term(term: FormTerm) -> written.FormTerm:
         coefficients={name: written.coefficient(one) for name, one in term.coefficients.items()},
         inside={name: written.coefficient(one) for name, one in term.threshold.items()},
         laws=dict(term.laws),
+        effect=term.effect,
     )
 
 

@@ -8,7 +8,10 @@ TRACE, CAMPAIGN = "a trace", "a campaign"
 _MARKS = {
     "diagnosis.json": TRACE,
     "comparison.json": "a comparison",
+    "characteristics.json": "a data sheet",
     "campaign.json": CAMPAIGN,
+    "identified.json": "an identification",
+    "attitude.json": "several gyros run at once",
     "result.json": "a run",
     "estimates.arrow": "a run",
 }

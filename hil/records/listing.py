@@ -1,5 +1,6 @@
-"""The runs and traces in a folder, oldest first."""
+"""The runs in a folder and what was made of them or beside them, oldest first."""
 
+import json
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -16,13 +17,24 @@ LAST = "last"
 LAST_TRACE = "last-trace"
 """What stands for the newest trace, wherever a run or a trace is named."""
 
-Kind = Literal["run", "trace"]
+Kind = Literal["run", "trace", "sheet", "identify", "attitude"]
+MARKS: dict[str, Kind] = {
+    "diagnosis.json": "trace",
+    "characteristics.json": "sheet",
+    "identified.json": "identify",
+    "attitude.json": "attitude",
+}
+"""Files by which a folder is something else than a run."""
+PARTS = ("result.json", *MARKS, "capture.arrow", "estimates.arrow")
+"""Files of which a folder that is listed has one."""
 _STAMP = len("20250314-092653")
 _SHOWN = 5  # names, where several are meant
 
 
 class Listed(NamedTuple):
-    """A run or a trace: its folder; verdict, "" where it has none yet; bench seconds of a run; what a trace named;
+    """A run, a trace, a data sheet, an identification or an attitude.
+
+    Its folder; verdict, "" where it has none yet; bench seconds of a run; what a trace named;
     why the folder cannot be read, "" else; the reasons of the verdict; the parts of a run's verdict against it.
     """
 
@@ -39,11 +51,21 @@ class Listed(NamedTuple):
 def listed(folder: Path) -> Iterator[Listed]:
     """All of them.  Raises InputError where there is no such folder."""
     for place in _by_time(folder):
+        kind = listed_kind(place)
         try:
-            yield _trace(place) if _is_trace(place) else _run(place)
+            yield _READ[kind](place)
         except InputError as error:
-            kind: Kind = "trace" if _is_trace(place) else "run"
             yield Listed(place, kind, "", unreadable=str(error))
+
+
+def listed_kind(place: Path) -> Kind:
+    """What a folder that is listed holds."""
+    return next((kind for mark, kind in MARKS.items() if (place / mark).exists()), "run")
+
+
+def beside_runs(place: Path) -> Listed:
+    """A data sheet, an identification, an attitude.  Raises InputError."""
+    return _READ[listed_kind(place)](place)
 
 
 def last_run(folder: Path) -> Path:
@@ -108,8 +130,7 @@ def _by_time(folder: Path) -> list[Path]:
         raise InputError(
             f"{folder}: no such folder; runs are kept in runs/ where hil is called: go there, or name their folder"
         )
-    parts = ("result.json", "diagnosis.json", "capture.arrow", "estimates.arrow")
-    found = [place for place in folder.iterdir() if any((place / part).exists() for part in parts)]
+    found = [place for place in folder.iterdir() if any((place / part).exists() for part in PARTS)]
     return sorted(found, key=lambda place: (place.name[:_STAMP], place.stat().st_mtime_ns))
 
 
@@ -133,3 +154,36 @@ def _trace(place: Path) -> Listed:
     _ = RunFolder(place).bench_text
     named = tuple(effect.name for effect in diagnosis.effects)
     return Listed(place, "trace", diagnosis.verdict, named=named, reasons=diagnosis.reasons)
+
+
+def _sheet(place: Path) -> Listed:
+    from hil.records.data_sheet import load_data_sheet
+
+    sheet = load_data_sheet(place / "characteristics.json")
+    reasons = tuple(f"{row.title} {row.axis} is beyond its limit" for row in sheet.rows if row.kept is False)
+    return Listed(place, "sheet", sheet.verdict, sheet.seconds, reasons=reasons)
+
+
+def _identified(place: Path) -> Listed:
+    path = place / "identified.json"
+    try:
+        faults = tuple(map(str, json.loads(path.read_text(encoding="utf-8"))["faults"]))
+    except (OSError, ValueError, KeyError, TypeError):
+        raise InputError(f"{path}: cannot be read; identify the board again") from None
+    return Listed(place, "identify", "failed" if faults else "good", reasons=faults)
+
+
+def _attitude(place: Path) -> Listed:
+    from hil.records.attitude import load_attitude_result
+
+    found = load_attitude_result(place)
+    return Listed(place, "attitude", found.verdict, found.seconds, reasons=tuple(filter(None, (found.without,))))
+
+
+_READ: dict[Kind, Callable[[Path], Listed]] = {
+    "run": _run,
+    "trace": _trace,
+    "sheet": _sheet,
+    "identify": _identified,
+    "attitude": _attitude,
+}

@@ -2,13 +2,12 @@
 docs/reference/comparison.schema.json."""
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field
 
 from hil.errors import InputError
 from hil.records import json_file
-from hil.records.coverage import COVERAGE
 
 MethodKind = Literal["observer", "traced", "prior art", "bound"]
 
@@ -18,6 +17,7 @@ class _Model(BaseModel):
 
 
 NonNegative = Annotated[float, Field(ge=0)]
+SheetFigures = dict[str, tuple[float, float, float]]
 
 
 class MethodRow(_Model):
@@ -62,50 +62,26 @@ class MethodRow(_Model):
         "innovation beyond [limits] residual_safe, or an angle off by more than a quarter of a turn for good",
     )
     cost_us: NonNegative | None = Field(default=None, description="Processor time a sample, on this machine")
+    sheet: SheetFigures = Field(
+        default_factory=dict,
+        description="Figures of a data sheet by the names of hil characterise: value and 95 % interval, SI",
+    )
     remark: str = ""
-
-
-_EXPANDED = {
-    "angle_u_rad": "angle_expanded_rad", "rate_u_rad_s": "rate_expanded_rad_s", "stiffness_u": "stiffness_expanded",
-    "damping_u": "damping_expanded",
-}  # fmt: skip
-_RENAMED = "written before version 2: its uncertainties (_u) were expanded ones (k = 2), read here as _expanded"
-
-
-def _renamed(row: dict[str, Any]) -> dict[str, Any]:
-    """A row as written before version 2."""
-    found = {_EXPANDED.get(name, name): value for name, value in row.items()}
-    if isinstance(expanded := found.get("angle_expanded_rad"), int | float):
-        found["angle_u_rad"] = expanded / COVERAGE
-    return found
 
 
 class Methods(json_file.Sealed, _Model):
     """All methods on one record."""
 
-    version: Literal[2] = Field(
-        default=2, description="Files without it are read too: what ended in _u was the expanded uncertainty, k = 2"
-    )
+    version: Literal[2] = 2
     record: str
     bench: str
     seconds: NonNegative
     window_s: tuple[float, float] = Field(description="The scored window, bench time")
-    reference: Literal["truth", "rate channel"] | None = Field(
+    reference: Literal["truth", "rate channel", "reference gyro"] | None = Field(
         default=None, description="What errors are held against; null: nothing, and there are no errors"
     )
     rows: tuple[MethodRow, ...]
     remarks: tuple[str, ...] = Field(default=(), description="What could not be compared, and why, a line each")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_before_version_2(cls, given: Any) -> Any:
-        """Files without a version: their uncertainties were expanded ones under the names of standard ones."""
-        if not isinstance(given, dict) or "version" in given or not isinstance(given.get("rows"), list):
-            return given
-        if not all(isinstance(row, dict) and "angle_expanded_rad" not in row for row in given["rows"]):
-            return given  # made by this program, row by row
-        rows = [_renamed(row) for row in given["rows"]]
-        return given | {"rows": rows, "remarks": [*given.get("remarks", ()), _RENAMED]}
 
     def of(self, name: str) -> MethodRow:
         """The row of that name. Raises InputError with the names there are."""

@@ -1,7 +1,7 @@
 """Lowest and highest values of a long record over stretches of bench time, so that any part of it is drawn at once.
 
 Beside `capture.arrow` lie `pyramid/capture-256.arrow` and `pyramid/capture-16384.arrow`: record files, with the same
-blocks and checksums, of one row for each so many samples. Whoever writes a record writes them along (`Pyramid`), or
+blocks and checksums, of one row for each so many samples. The writer of a record writes them along (`Pyramid`), or
 they are made of it afterwards (`build`). They are derived: what goes wrong with them leaves the record alone, and a
 record without them is only slower to look at.
 """

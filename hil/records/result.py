@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from hil.numbers import percent
 from hil.records import json_file
-from hil.records.coverage import COVERAGE
 from hil.records.setting import Setting
 
 _SPACE = "\N{NO-BREAK SPACE}"
@@ -139,6 +138,15 @@ class Load(_Model):
         return None if self.waited is None else self.waited + (self.stolen or 0.0)
 
 
+class Told(_Model):
+    """A figure that an algorithm tells of itself."""
+
+    name: str
+    value: float | None = Field(description="Null where it is not finite")
+    unit: str
+    limit: float | None = Field(default=None, description="That it had to keep; null without one")
+
+
 class Answers(_Model):
     """What became of each sample, first to last tick of the record; the parts add up to `ticks`."""
 
@@ -197,13 +205,26 @@ class Holds(_Model):
         return f"{self.setting.words}: {late}, at most {percent(self.at_most, 2)} (95{_SPACE}%)"
 
 
-class Parameter(_Model):
-    """An estimated constant at the end of the run."""
+class Constant(_Model):
+    """A constant at the end of the run, estimated or as declared."""
 
     value: float
-    ci95: tuple[float, float] = Field(description="95 % interval, [low, high]")
+    ci95: tuple[float, float] | None = Field(
+        description="95 % interval, [low, high]; null: not given, as of a constant that is not estimated"
+    )
     unit: str
     truth: float | None = None
+
+    @property
+    def half(self) -> float | None:
+        """Half of the interval."""
+        return None if self.ci95 is None else 0.5 * (self.ci95[1] - self.ci95[0])
+
+
+class Parameter(Constant):
+    """An estimated constant, with its interval."""
+
+    ci95: tuple[float, float] = Field(description="95 % interval, [low, high]")
 
 
 class Nees(_Model):
@@ -365,12 +386,6 @@ TOO_SLOW = (
 """Of two runs, where one of them is not `Result.kept_up`."""
 
 
-_RENAMED = (
-    "written before version 2: its angle_u_rad was the expanded uncertainty (k = 2), read here as angle_expanded_rad; "
-    "angle_u_rad is now the standard one (k = 1)"
-)
-
-
 class OnBoard(_Model):
     """What the board's own estimator said, beside the host's estimates of the same samples; once scored, the truth."""
 
@@ -388,13 +403,51 @@ class OnBoard(_Model):
     score: Score | None = None
 
 
+class Reference(_Model):
+    """A sold gyro that was recorded beside the run, and the device beside it: rate = bias + (1 + scale) times the
+    reference's rate of `delay` ago."""
+
+    link: str
+    axis: str
+    sign: Literal[-1, 1]
+    samples: Count = 0
+    lost: Count = Field(default=0, description="Missing in the reference's own count")
+    silent_s: NonNegative = Field(default=0.0, description="The longest time in which nothing came")
+    stopped: str = Field(default="", description="Why it ended before the run did")
+    counters: dict[str, int] = Field(default_factory=dict)
+    sensor: Sensor | None = None
+    time_u_ms: NonNegative | None = Field(
+        default=None, description="Standard uncertainty of its time on the bench's: both clocks, its line, its stamps"
+    )
+    skew_ppm: float | None = Field(default=None, description="Its clock beside this machine's")
+    scale_error: Parameter | None = Field(default=None, description="Null where the reference does not turn enough")
+    bias: Parameter | None = None
+    delay: Parameter | None = Field(
+        default=None, description="Of the device behind the reference, with time_u_ms in it"
+    )
+    rate_rms_rad_s: NonNegative | None = Field(default=None, description="What the fit leaves of the rate")
+    angle_rms_rad: NonNegative | None = Field(
+        default=None, description="Angle minus the reference's integral, zero where the scored window begins"
+    )
+    unknown: str = Field(default="", description="Why it is not compared")
+
+    @property
+    def line(self) -> str:
+        """What it says of the device, in one line."""
+        if self.bias is None:
+            return f"not compared: {self.unknown}"
+        told = [
+            f"{name} {one.value:.4g} ({one.ci95[0]:.4g} to {one.ci95[1]:.4g}) {one.unit}".rstrip()
+            for name, one in (("scale error", self.scale_error), ("bias", self.bias), ("delay", self.delay))
+            if one is not None
+        ]
+        return f"{', '.join(told)}; time ± {self.time_u_ms:.3g} ms"
+
+
 class Result(json_file.Sealed, _Model):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
-    version: Literal[2] = Field(
-        default=2,
-        description="1 is read too: its angle_u_rad was the expanded uncertainty, which became a name of its own",
-    )
+    version: Literal[2] = 2
     run: str = Field(description="Name of the run folder")
     link: str | None = None
     clock: Literal["lockstep", "paced", "real"] | None = Field(default=None, description="Null for a replay")
@@ -422,7 +475,7 @@ class Result(json_file.Sealed, _Model):
     uncertainty: tuple[Contribution, ...] = Field(
         default=(), description="Its budget: angle_u_rad is the root of the sum of the squared contributions"
     )
-    parameters: dict[str, Parameter] = Field(default_factory=dict)
+    parameters: dict[str, Constant] = Field(default_factory=dict)
     sense_unit: str = Field(default="V", description="Unit of what is sensed: V, or the sensor's own, as LSB")
     innovation_rms: NonNegative | None = Field(
         default=None, description="In sense_unit, over the scored window and all axes"
@@ -435,6 +488,10 @@ class Result(json_file.Sealed, _Model):
     ledger_us: Ledger | None = Field(default=None, description="The stages of a block, on wall time")
     board_clock: BoardClock | None = Field(default=None, description="Null for a replay")
     load: Load | None = Field(default=None, description="What the host needed of a core, from ARM to SAFE")
+    algorithm: tuple[Told, ...] = Field(
+        default=(),
+        description="What a plug-in, the loops of [controller] mode, or trim electrodes tell, in their order",
+    )
     bare_turnaround_us: Percentiles | None = Field(
         default=None, description="A bare read and write, paced alike in the same run"
     )
@@ -454,6 +511,7 @@ class Result(json_file.Sealed, _Model):
         default=None, description="The board's own estimates, of a run in board mode; null where it said none"
     )
     sensor: Sensor | None = Field(default=None, description="A sensor that was recorded, not driven")
+    reference: Reference | None = Field(default=None, description="Null without a reference beside the run")
     counters: dict[str, int] = Field(default_factory=dict)
     versions: dict[str, str] = Field(default_factory=dict)
     serial_number: str | None = None
@@ -462,23 +520,6 @@ class Result(json_file.Sealed, _Model):
         default=(), description="What the system refused the loop and what went wrong on the way, one line each"
     )
     complete: bool = Field(description="False when the capture lacks its end marker")
-
-    @model_validator(mode="before")
-    @classmethod
-    def _from_version_1(cls, given: Any) -> Any:
-        """Files from before `angle_expanded_rad`: what they call angle_u_rad is read as what it was."""
-        if not isinstance(given, dict) or given.get("version") != 1:
-            return given
-        expanded = given.get("angle_u_rad")
-        if not isinstance(expanded, int | float) or "angle_expanded_rad" in given:
-            return given | {"version": 2}
-        remarks = [*given.get("remarks", ()), _RENAMED]
-        return given | {
-            "version": 2,
-            "angle_u_rad": expanded / COVERAGE,
-            "angle_expanded_rad": expanded,
-            "remarks": remarks,
-        }
 
     @property
     def alarm(self) -> str:

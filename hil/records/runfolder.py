@@ -15,6 +15,7 @@ from hil.records.kind import TRACE, kind_of
 from hil.records.table import scored_from_s
 from hil.records.text_seal import require_unchanged
 from hil.records.timing import Timing, read_timing
+from hil.records.trims import TRIMS, Trims, read_trims
 from hil.wire.regular_file import require_regular
 
 if TYPE_CHECKING:
@@ -81,6 +82,16 @@ class RunFolder:
     def clock_path(self) -> Path:
         """Exchanges of time with the board."""
         return self.path / "clock.arrow"
+
+    @property
+    def trims_path(self) -> Path:
+        """Voltages of the trim outputs."""
+        return self.path / TRIMS
+
+    @property
+    def reference_path(self) -> Path:
+        """A sold gyro that was recorded beside the run."""
+        return self.path / "reference.arrow"
 
     @property
     def result_path(self) -> Path:
@@ -155,6 +166,16 @@ class RunFolder:
     def clock(self) -> ClockRecord | None:
         """The exchanges of time, or None."""
         return _read_if_there(self.clock_path, read_clock)
+
+    @cached_property
+    def trims(self) -> Trims | None:
+        """The changes of the trim outputs, or None."""
+        return _read_if_there(self.trims_path, read_trims)
+
+    @property
+    def reference(self) -> Capture | None:
+        """The sold gyro beside the run, or None."""
+        return _read_if_there(self.reference_path, read_capture)
 
     @cached_property
     def result(self) -> "Result | None":

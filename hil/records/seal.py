@@ -110,6 +110,12 @@ def is_sealed(head: bytes) -> bool:
     return _OPENING in head
 
 
+def note_span(message: bytes, head: int) -> slice:
+    """Where the note stands in a message whose head, of `head` bytes, carries one."""
+    begin = _digits_at(message, head) - len(_OPENING)
+    return slice(begin, begin + _NOTE_BYTES)
+
+
 def _digits_at(head: bytes | bytearray, end: int) -> int:
     at = head.find(_OPENING, 0, end)
     if at < 0 or at + _NOTE_BYTES > end + len(_OPENING):

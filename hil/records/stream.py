@@ -117,8 +117,9 @@ class BlockWriter:
 
     def _write(self, columns: list[npt.NDArray[Any]], note: dict[str, object]) -> None:
         kinds = self._schema.types
-        columns = columns or [np.zeros(0, kind.to_pandas_dtype()) for kind in kinds]
-        arrays = [_filled(column, kind) for column, kind in zip(columns, kinds, strict=True)]
+        arrays = [
+            _filled(column, kind) for column, kind in zip(columns or [np.empty(0)] * len(kinds), kinds, strict=True)
+        ]
         batch = pa.RecordBatch.from_arrays(arrays, schema=self._schema)
         self._stream.write_batch(batch, custom_metadata={HEADER_KEY: note_text(note)})
         made = self._taken()
@@ -187,7 +188,7 @@ def head_lengths(schema: Any) -> list[int]:
     for rows in (0, 1):
         made = io.BytesIO()
         with pa.ipc.new_stream(made, schema) as stream:
-            arrays = [_filled(np.zeros(rows, kind.to_pandas_dtype()), kind) for kind in schema.types]
+            arrays = [_filled(np.zeros(rows, f"V{kind.bit_width // 8}"), kind) for kind in schema.types]
             stream.write_batch(
                 pa.RecordBatch.from_arrays(arrays, schema=schema), custom_metadata={HEADER_KEY: note_text({})}
             )

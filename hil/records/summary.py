@@ -14,7 +14,7 @@ from hil.records.innovation import Innovation, steady, usual_sd_V
 from hil.records.on_board import on_board
 from hil.records.quantiles import quantiles
 from hil.records.rate_reference import errors
-from hil.records.result import Answers, BoardClock, ClockRelation, Ledger, Parameter, Percentiles, Result
+from hil.records.result import Answers, BoardClock, ClockRelation, Constant, Ledger, Percentiles, Result
 from hil.records.runfolder import RunFolder
 from hil.records.timing import Timing
 from hil.records.truth import Truth
@@ -89,8 +89,9 @@ def answers(capture: Capture | None, timing: Timing | None, counters: Mapping[st
 
 def parameters(
     estimates: Estimates, *, mass_kg: float | None = None, truth: Truth | None = None, effects: Collection[str] = ()
-) -> dict[str, Parameter]:
-    """Constants and offsets at the last estimate, with value ± 1.96 standard deviations; `effects`: those carried.
+) -> dict[str, Constant]:
+    """Constants and offsets at the last estimate, with value ± 1.96 standard deviations where the observer gives them;
+    `effects`: those carried.
 
     An estimate that diverged (not finite) is left out. Per unit mass, or with `mass_kg` in N/m and N·s/m.
     The truth of an offset is its value at the last common instant, since offsets may drift.
@@ -98,19 +99,19 @@ def parameters(
     if not len(estimates):
         return {}
     last = estimates.part(len(estimates) - 1, len(estimates))
-    table: dict[str, Parameter] = {}
+    table: dict[str, Constant] = {}
     for name in estimates.states:
         if name in _MOVING:
             continue
         unit = estimates.unit(name)
         factor = mass_kg if mass_kg is not None and unit in _PER_MASS else 1.0
         value, spread = float(last[name][0]), SD_95 * float(last.sd(name)[0])
-        if not np.isfinite([value, spread]).all():
+        if not math.isfinite(value) or math.isinf(spread):
             continue
         true = None if truth is None else _true_value(name, estimates, truth, effects)
-        table[symbol_of(name)] = Parameter(
+        table[symbol_of(name)] = Constant(
             value=factor * value,
-            ci95=(factor * (value - spread), factor * (value + spread)),
+            ci95=(factor * (value - spread), factor * (value + spread)) if spread > 0.0 else None,
             unit=unit if factor is not mass_kg else _PER_MASS[unit],
             truth=None if true is None else factor * true,
         )

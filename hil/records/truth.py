@@ -28,10 +28,11 @@ class Truth(Table):
 
     @property
     def constants(self) -> dict[str, float]:
-        """Stiffness and damping per unit mass, by the name of the estimate they belong to."""
+        """Stiffness and damping per unit mass, by the name of the estimate they belong to; a trimmed stiffness is a
+        column."""
         stiffness = zip(("kxx_per_s2", "kyy_per_s2", "kxy_per_s2"), self.header["stiffness_per_s2"], strict=False)
         damping = zip(("dxx_per_s", "dyy_per_s", "dxy_per_s"), self.header["damping_per_s"], strict=False)
-        return {name: float(value) for name, value in (*stiffness, *damping)}
+        return {name: float(value) for name, value in (*stiffness, *damping) if name not in self.columns}
 
     def coefficients(self, effects: Collection[str]) -> dict[str, float]:
         """Coefficients of those hidden effects that are among `effects`, by their symbols, which board and observer
@@ -63,6 +64,23 @@ class Truth(Table):
                 first, stop = np.searchsorted(tick, (true[0], true[-1] + 1))
                 yield row + int(first), piece.part(int(first), int(stop)), part
             row += tick.size
+
+    def on(self, tick_rate_Hz: float, place: Path) -> "Truth":
+        """The same by the ticks of a record of another rate; rows that are none of its ticks are left out.  Raises
+        InputError where its ticks are none of the truth's.
+        """
+        ratio = self.tick_rate_Hz / tick_rate_Hz
+        every = max(round(ratio), 1)
+        if abs(ratio / every - 1.0) > 1e-6:
+            raise InputError(
+                f"{place}: at {self.tick_rate_Hz:g} Hz, no whole multiple of the record's {tick_rate_Hz:g} Hz; "
+                "demodulate at a rate that divides the board's"
+            )
+        rows = np.flatnonzero(self.tick % every == 0)
+        columns = {name: self.columns[name][rows] for name in self.columns if name not in _CODES}
+        return Truth(
+            {**columns, "tick": columns["tick"] // every}, {**self.header, "tick_rate_Hz": tick_rate_Hz}, self.complete
+        )
 
     def at(self, tick: npt.NDArray[np.int64]) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
         """Indices (into `tick`, into this truth) of the ticks both have, ascending."""

@@ -17,6 +17,8 @@ _BY_SUFFIX = {
     "_N_per_m": "N/m",
     "_N_s_per_m": "N·s/m",
     "_V_per_m": "V/m",
+    "_V_per_s": "V/s",
+    "_N_per_m_per_V2": "N/m/V²",
     "_N_per_V": "N/V",
     "_V_s_per_rad": "V·s/rad",
     "_mps2_per_rtHz": "m/s²/√Hz",
@@ -24,6 +26,8 @@ _BY_SUFFIX = {
     "_dps": "°/s",
     "_ppm": "ppm",
     "_C": "°C",
+    "_T": "T",
+    "_Pa": "Pa",
     "_ratio": "1",
 }
 _LONGEST_FIRST = sorted(_BY_SUFFIX, key=len, reverse=True)

@@ -2,6 +2,7 @@
 options: `hil record`, `hil.record`, the sensor of a test and the service's requests.
 """
 
+from pathlib import Path
 from typing import Annotated
 
 from annotated_types import Gt, Le, MaxLen
@@ -20,3 +21,9 @@ class RecordOptions(TypedDict, total=False):
     name: RunNameOption
     note: Annotated[Annotated[str, MaxLen(10_000)] | None, Help("A remark of the operator, kept in result.json.")]
     report: Annotated[bool, Default(True), Help("Draw report.html; leave it out to save time on many records.")]
+
+
+class LocalRecordOptions(RecordOptions, total=False):
+    """And what names a file of the machine on which it is done."""
+
+    dbc: Annotated[Path | str | None, Help("A DBC that says what the sensor on a CAN bus sends.")]

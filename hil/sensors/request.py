@@ -5,16 +5,17 @@ from dataclasses import dataclass
 from numbers import Real
 
 from hil.errors import InputError
-from hil.errors.arguments import require
+from hil.errors.arguments import path_of, require
 from hil.options import chosen
 from hil.records.atomic import require_name
-from hil.sensors.adapter import Port, find_port
-from hil.sensors.options import RecordOptions
+from hil.sensors.options import LocalRecordOptions, RecordOptions
+from hil.sensors.port import UNKNOWN, Port, find_port
 
 
 @dataclass(frozen=True)
 class RecordRequest:
-    """The sensor and its port, the link by its name, and what else is asked, see `RecordOptions`."""
+    """The sensor and its port, the link by its name, and what else is asked, see `RecordOptions`; an empty name is that
+    of the sensor, once it is recognised."""
 
     port: Port
     link: str
@@ -26,11 +27,15 @@ class RecordRequest:
 
 def request_of(link: str, options: RecordOptions) -> RecordRequest:
     """Put together what is asked; link: `NAME:PATH[?baud=N]`, NAME being that of an adapter.  Raises InputError."""
-    given = chosen(RecordOptions, options)
+    given = chosen(LocalRecordOptions, options)
     require("link", link, str, "a text such as stim300:/dev/ttyUSB0")
     require("duration_s", given["duration_s"], Real, "a number of seconds")
     if not 0.0 < given["duration_s"] < math.inf:
         raise InputError(f"--duration: {given['duration_s']:g} s; give a time above 0")
-    name = given["name"] or link.partition(":")[0]
-    require_name(name)
-    return RecordRequest(find_port(link), link, **{**given, "name": name})
+    dbc = given.pop("dbc")
+    port = find_port(link, None if dbc is None else path_of("dbc", dbc))
+    scheme = link.partition(":")[0]
+    name = given["name"] or getattr(port.adapter, "name", "" if scheme in UNKNOWN else scheme)
+    if name:
+        require_name(name)
+    return RecordRequest(port, link, **{**given, "name": name})

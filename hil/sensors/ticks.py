@@ -1,33 +1,43 @@
-"""From a sensor's short counter to sample numbers: how far apart datagrams are, and how many are missing between two.
+"""From a sensor's counter to sample numbers: how far apart datagrams are, and how many are missing between two.
 
-Counters count datagrams, or samples inside the sensor of which a datagram is sent every few; the most frequent
+Counters count datagrams, or samples inside the sensor of which a datagram is sent every few, or are a clock; the median
 difference tells. Whether whole turns of the counter are missing, only the host's clock can tell: when far more time
 has passed between two batches than the samples in the second account for. So a batch must hold all that had arrived.
 """
 
-from collections import Counter
 from itertools import pairwise
+from statistics import median_low
 
 from hil.sensors.adapter import Sample
 
 LEARN_SAMPLES, LEARN_S = 32, 0.5
 """Datagrams, and their time, from which step and rate are learned."""
+SLOW_SAMPLES, SLOW_S = 6, 1.5
+"""The same of a slow sensor."""
 
 _NEAR = 0.1  # of a rate the sensor can be set to; any other is triggered from outside
+_NEAR_BY_CLOCK = 0.01  # the same where the sensor's own clock told the rate
+_LATE_S = 0.05  # between two looks of the host that a line's buffers account for
+_WIDE = 1 << 15  # values of a counter that never turns in a gap: going back, it began anew
 
 
 class TickCounter:
-    """Numbers the samples of one stream, whose counter has `size` values and which may come at the `rates_Hz`.
+    """Numbers the samples of one stream, whose counter has `size` values and which may come at the `rates_Hz`; of a
+    counter that is a clock, counts a second are `counter_Hz`. rate_Hz: where it is known and the host's clock tells
+    nothing, as of a file.
 
     Attributes:
         step: counts of the counter per sample; 0 until it is known.
         sample_rate_Hz: 0 until it is known.
+        restarts: how often the counter began anew.
     """
 
-    def __init__(self, size: int, rates_Hz: tuple[float, ...]) -> None:
+    def __init__(self, size: int, rates_Hz: tuple[float, ...], counter_Hz: float = 0.0,
+                 rate_Hz: float | None = None) -> None:  # fmt: skip
         self.step = 0
         self.sample_rate_Hz = 0.0
-        self._size, self._rates_Hz = size, rates_Hz
+        self.restarts = 0
+        self._size, self._rates_Hz, self._counter_Hz, self._rate_Hz = size, rates_Hz, counter_Hz, rate_Hz
         self._learning: list[tuple[list[Sample], float]] = []
         self._counter: int | None = None
         self._came_s = 0.0
@@ -42,16 +52,25 @@ class TickCounter:
         self._learning.append((batch, now_s))
         first, counts = len(self._learning[0][0]), [s.counter for samples, _ in self._learning for s in samples]
         elapsed_s = now_s - self._learning[0][1]
-        if len(counts) - first < LEARN_SAMPLES or elapsed_s < LEARN_S:
+        by_itself = bool(self._counter_Hz or self._rate_Hz)
+        heard = len(counts) - (0 if by_itself else first)
+        if not any(heard >= n and (elapsed_s >= s or by_itself) for n, s in
+                   ((LEARN_SAMPLES, LEARN_S), (SLOW_SAMPLES, SLOW_S))):  # fmt: skip
             return []
-        steps = [(b - a) % self._size for a, b in pairwise(counts)]
-        (self.step, _), *_ = Counter(step or self._size for step in steps).most_common(1)
-        self.sample_rate_Hz = self._near(sum(steps[first - 1 :]) / self.step / elapsed_s)
+        steps = [(b - a) % self._size or self._size for a, b in pairwise(counts)]
+        self.step = median_low(steps)
+        if self._rate_Hz:
+            self.sample_rate_Hz = self._rate_Hz
+        elif self._counter_Hz:
+            sound = [step for step in steps if step < 1.5 * self.step]
+            self.sample_rate_Hz = self._near(self._counter_Hz * len(sound) / sum(sound), _NEAR_BY_CLOCK)
+        else:
+            self.sample_rate_Hz = self._near(sum(steps[first - 1 :]) / self.step / elapsed_s, _NEAR)
         return [numbered for samples, came_s in self._learning for numbered in self._number(samples, came_s)]
 
-    def _near(self, rate_Hz: float) -> float:
-        nearest = min(self._rates_Hz, key=lambda rate: abs(rate - rate_Hz))
-        return nearest if abs(rate_Hz / nearest - 1.0) <= _NEAR else rate_Hz
+    def _near(self, rate_Hz: float, share: float) -> float:
+        nearest = min(self._rates_Hz, key=lambda rate: abs(rate - rate_Hz), default=rate_Hz)
+        return nearest if abs(rate_Hz / nearest - 1.0) <= share else rate_Hz
 
     def _number(self, batch: list[Sample], now_s: float) -> list[tuple[int, Sample]]:
         numbered = []
@@ -59,6 +78,9 @@ class TickCounter:
         for sample in batch:
             if self._counter is not None:
                 passed = (sample.counter - self._counter) % self._size + turns * self._size
+                if passed > self._size // 2 and self._size >= _WIDE:
+                    self.restarts += 1
+                    passed = max(round((now_s - self._came_s) * self.sample_rate_Hz) - len(batch) + 1, 1) * self.step
                 self._tick += max(round(passed / self.step), 1)
                 turns = 0
             self._counter = sample.counter
@@ -67,8 +89,10 @@ class TickCounter:
         return numbered
 
     def _missing_turns(self, batch: list[Sample], now_s: float) -> int:
-        if self._counter is None:
+        if self._counter is None or self._size >= _WIDE or self._rate_Hz:
             return 0
         told = sum((b - a) % self._size for a, b in pairwise([self._counter, *(sample.counter for sample in batch)]))
         counted = (now_s - self._came_s) * self.sample_rate_Hz * self.step
+        if counted - told < _LATE_S * self.sample_rate_Hz * self.step:
+            return 0
         return max(round((counted - told) / self._size), 0)

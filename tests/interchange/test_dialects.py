@@ -73,7 +73,7 @@ def written(draw: st.DrawFn) -> tuple[bytes, str, np.ndarray, bool]:
 
 
 @pytest.mark.moderate
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=75, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(written())
 def test_what_was_written_is_read(made: tuple[bytes, str, np.ndarray, bool]) -> None:
     content, mapping, values, zipped = made
@@ -87,7 +87,7 @@ def test_what_was_written_is_read(made: tuple[bytes, str, np.ndarray, bool]) -> 
 
 
 @pytest.mark.moderate
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=75, deadline=None)
 @given(st.text(st.sampled_from('01,;"\n.\t _e-x'), max_size=60), st.sampled_from([",", ";", "\t", " "]))
 def test_whatever_a_file_holds_it_is_rows_or_one_line(body: str, delimiter: str) -> None:
     """Both readers, the quick one and the strict one, come to the same; nothing is dropped in silence."""

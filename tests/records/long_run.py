@@ -5,13 +5,13 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from hil.records.covariance import covariance_layout, packed
 from hil.records.layout import Layout
 from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter
-from tests.records.synthetic_run import STATES, Options, write_run
+from hil.records.truth import read_truth
+from tests.records.synthetic_run import STATES, Options, write_run, write_truth_columns
 
 RATE_HZ = 100_000.0
 _ONCE_S = 5.0
@@ -48,13 +48,10 @@ def write_long_run(place: Path, seconds: float) -> tuple[Path, Path]:
                     rows[name] += round(_ONCE_S * 1e9)
     _write_covariance(folder, times * step)
     truth = place / "long-truth.arrow"
-    with pa.ipc.open_stream(str(short)) as source:
-        batches = list(source)
-    with pa.ipc.new_stream(str(truth), batches[0].schema) as stream:
-        for number in range(times):
-            for batch in batches:
-                tick = pa.array(batch.column("tick").to_numpy() + number * step)
-                stream.write_batch(batch.set_column(0, "tick", tick))
+    once = read_truth(short)
+    columns = {name: np.tile(once.columns[name], times) for name in once.columns}
+    columns["tick"] = columns["tick"] + step * np.repeat(np.arange(times), len(once))
+    write_truth_columns(truth, columns, once.header)
     return folder, truth
 
 

@@ -4,22 +4,22 @@ An undamped isotropic oscillator seen from a frame that turned by φ(t) has the 
 x + i y = (a cos ωt + i b sin ωt) e^(−iφ); nothing here is integrated.
 """
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from hil.records.atomic import write_sealed
 from hil.records.capture import RowFlag, board_layout
 from hil.records.estimates import estimates_layout
 from hil.records.innovation import innovation_layout
-from hil.records.recorder import record_here
+from hil.records.layout import Column, Layout
 from hil.records.result import Percentiles, save_result
 from hil.records.runfolder import RunFolder
+from hil.records.stream import BlockWriter
 from hil.records.summary import summarise
 from hil.records.timing import timing_layout
+from hil.running.recorder import record_here
 
 MASS_KG = 1e-3
 OMEGA = 2 * np.pi * 200.0
@@ -147,10 +147,8 @@ def write_run(folder: Path, options: Options = Options()) -> Path:
 
 
 def write_truth(path: Path, tick, true, options: Options = Options()) -> None:
-    """Write a truth file as the emulator does: a plain Arrow stream."""
+    """Write a truth file as the emulator does."""
     about = {
-        "kind": "truth",
-        "version": 1,
         "every": 1,
         "mass_kg": MASS_KG,
         "stiffness_per_s2": [TRUE[name] for name in ("kxx_per_s2", "kyy_per_s2", "kxy_per_s2")],
@@ -161,9 +159,19 @@ def write_truth(path: Path, tick, true, options: Options = Options()) -> None:
         "sample_rate_Hz": options.rate_Hz,
         "effects": [],
     }
-    table = pa.table({"tick": tick, **true}).replace_schema_metadata({b"gyrohil": json.dumps(about)})
-    with pa.ipc.new_stream(str(path), table.schema) as stream:
-        stream.write_table(table, max_chunksize=1000)
+    write_truth_columns(path, {"tick": tick, **true}, about)
+
+
+def write_truth_columns(path: Path, columns, about) -> None:
+    """A truth file of these columns, `tick` first, that says this of itself."""
+    types = {name: "i8" if name == "tick" else values.dtype.str[1:] for name, values in columns.items()}
+    own = {key: value for key, value in about.items() if key not in ("kind", "version", "columns", "checksum")}
+    layout = Layout("truth", tuple(Column(name, type_) for name, type_ in types.items()), 1000, own)
+    rows = np.empty(len(columns["tick"]), layout.dtype)
+    for name, values in columns.items():
+        rows[name] = values
+    with BlockWriter(path, layout) as file:
+        file.push(rows)
 
 
 def _records(options, rng, tick, t, true):

@@ -120,7 +120,7 @@ def test_files_of_one_run_have_one_rate(tmp_path: Path, rate_Hz: float, wrong: b
 
 
 def result(folder: Path, samples: int, complete: bool) -> None:
-    about = {"version": 1, "run": folder.name, "seconds": 0.1, "samples": samples, "complete": complete}
+    about = {"version": 2, "run": folder.name, "seconds": 0.1, "samples": samples, "complete": complete}
     (folder / "result.json").write_text(json.dumps(about))
 
 

@@ -12,7 +12,7 @@ from benchmarks.failing_disk import FAULTS
 from benchmarks.failing_disk.campaign import WAYS, Campaign
 
 pytestmark = [
-    pytest.mark.long,  # a full disk while the loop runs: tests/loop/test_record_ends.py
+    pytest.mark.long,  # a full disk while the loop runs: tests/running/test_record_ends.py
     pytest.mark.skipif(shutil.which("cc") is None, reason="needs a C compiler"),
 ]
 

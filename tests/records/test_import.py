@@ -120,10 +120,11 @@ HEADER = "t_s,vx_V\n"
         ),
         (b"\x00\xff\xfe\x80" * 50, "not UTF-8 text"),
         (b"t_s,vx_V\n0,\xff\n", 'not UTF-8 text at line 2; set its encoding in a --map, as encoding = "cp1252"'),
-        (gzip.compress(GOOD.encode() * 2000)[:-200], "damaged or cut gzip"),
+        (gzip.compress(GOOD.encode() * 2000, mtime=0)[:-200], "damaged or cut gzip"),
         (b"\x1f\x8bnot really gzip", "damaged or cut gzip"),
         (HEADER + "0," + "9" * 200_000 + "\n", "not delimited text"),
     ],
+    ids=lambda value: repr(value)[:40],  # a whole content is no name
 )
 def test_what_is_wrong_is_said_in_one_line_and_leaves_nothing(bring, tmp_path, content, complaint):
     with pytest.raises(InputError, match=complaint) as refusal:

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.signal import butter, freqz_sos
+from scipy.signal import butter, sosfreqz
 
 from hil.errors import InputError
 from hil.importing.importer import import_record
@@ -77,7 +77,7 @@ def test_a_filter_may_have_one_edge(bring, key, kind, passed):
     capture = bring({"e": tones[0] + tones[1]}, text)
     start = round(capture.t_s[0] * RATE)
     sections = butter(4, 30.0, kind, fs=RATE, output="sos")
-    gain = abs(freqz_sos(sections, [passed], fs=RATE)[1][0]) ** 2
+    gain = abs(sosfreqz(sections, [passed], fs=RATE)[1][0]) ** 2
     expected = gain * np.sin(2 * np.pi * passed * TIME)[start : start + len(capture)]
     np.testing.assert_allclose(capture.sense_V[:, 0], expected, atol=1e-3)
 
@@ -92,7 +92,7 @@ def test_a_filter_has_no_delay_and_its_own_noise(bring):
     start = round(capture.t_s[0] * RATE)
     assert start > 0
     sections = butter(4, [5, 50], "bandpass", fs=RATE, output="sos")
-    gain = abs(freqz_sos(sections, [20.0], fs=RATE)[1][0]) ** 2
+    gain = abs(sosfreqz(sections, [20.0], fs=RATE)[1][0]) ** 2
     np.testing.assert_allclose(capture.sense_V[:, 0], gain * inside[start : start + len(capture)], atol=4e-3)
     rustle = bring({"e": noise}, text)
     assert rustle.noise_gain == pytest.approx(np.std(rustle.sense_V), rel=0.1)

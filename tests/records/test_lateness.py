@@ -15,8 +15,8 @@ from hil.records.result import Answers
 from hil.records.timing import Timing
 from hil.verdict import holds
 from hil.wire.messages import ClockMode
-from tests.loop import gyro
-from tests.loop.closed import HandPaced, board, close_loop
+from tests.running import gyro
+from tests.running.closed import HandPaced, board, close_loop
 
 RATE_HZ = 4000.0
 TICK_S = 1.0 / RATE_HZ

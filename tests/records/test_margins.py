@@ -90,6 +90,15 @@ def test_labels_have_room(draw: Callable[[], Figure]) -> None:
         assert not one.overlaps(other), (one, other)
 
 
+def test_a_power_of_ten_takes_the_room_of_its_digits() -> None:
+    with drawing_style():
+        figure = new_figure(3.0)
+        ax = figure.subplots()
+        ax.semilogy([0.0, 1.0], [1e-5, 1e2])
+        figure.draw_without_rendering()
+        assert ax.get_position().width > 0.85
+
+
 def test_panels_take_most_of_a_figure() -> None:
     with drawing_style():
         figure = beside_one_another()

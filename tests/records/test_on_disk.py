@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 
 from hil.bench import examples, load_bench
-from hil.loop.run import Interrupted, conclude
 from hil.progress import Progress
 from hil.records.direct import on_disk
 from hil.records.result import load_result
+from hil.running.run import Interrupted, conclude
 
 
 def interrupt(_: Progress) -> None:

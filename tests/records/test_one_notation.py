@@ -8,12 +8,12 @@ import pytest
 import typer
 
 from estimator import diagnosis as traced
-from evaluation.measured.engine import Outcome, Score, Tried, gained, tried_reason
+from estimator.written import gains, significant
 from hil.cli.show import finish
 from hil.cli.show_diagnosis import print_diagnosis
 from hil.records.diagnosis import to_model
 from hil.records.result import Parameter, load_result, save_result
-from hil.report import write_report
+from hil.report.page import write_report
 from hil.scoring.score import score
 from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import answer, written
@@ -29,13 +29,9 @@ def as_a_computer_writes(text: str) -> list[str]:
 
 def lost_and_beaten() -> traced.Diagnosis:
     """One that was carried in vain, and one that lost by a great deal: reasons with long numbers."""
-    beaten = Tried("quintic", Outcome.BEATEN, "", Score(0.0, 5.321e7, 1.0, 9.0), {})
-    dear = Tried("drag", Outcome.TOO_DEAR, "", Score(0.0, -8.7e8, 1.0, 9.0), {})
     rejected = tuple(
-        traced.Rejected(
-            one.name, tried_reason(one, "cubic_stiffness"), {}, 6e4, None if one.score is None else one.score.gain
-        )
-        for one in (beaten, dear)
+        traced.Rejected(name, f"it {gains(gain)}", {}, 6e4, gain)
+        for name, gain in (("quintic", 5.321e7), ("drag", -8.7e8))
     )
     return replace(answer(), rejected=rejected, angle_moved=5.5e-9)
 
@@ -48,7 +44,7 @@ def test_of_a_diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     assert as_a_computer_writes(out) == []
     assert "it gains 5.32 × 10⁷ in twice the log-likelihood" in out
     assert "%" not in re.sub(r"\u00a0%|95 %", "", out)  # one style for per cent
-    assert gained(123_456.0).startswith("carried, it gains 123\u202f000 in")
+    assert significant(123_456.0) == "123\u202f000"
 
 
 @pytest.mark.long

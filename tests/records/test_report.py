@@ -18,10 +18,10 @@ from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
 from hil.records.result import TOO_SLOW, Parameter, Part, load_result, save_result
 from hil.records.runfolder import RunFolder
-from hil.report import write_report
 from hil.report.figures import pattern
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.material import Material
+from hil.report.page import write_report
 from hil.report.theme import drawing_style
 from hil.scoring.score import score
 from tests.records.synthetic_run import Options, write_run
@@ -434,13 +434,14 @@ def test_the_first_screen_says_when_what_and_how(make_run, undrawn):
 
 
 @pytest.mark.long
-def test_angles_are_told_in_one_unit(make_run):
+def test_degrees_stand_only_in_brackets_behind_radians(make_run):
     folder, truth = make_run(angle_drift=0.3)
     score(folder, truth)
     page = write_report(folder, truth).read_text(encoding="utf-8")
     words = re.sub(r"<style>.*?</style>|<[^>]+>", " ", page, flags=re.DOTALL)
-    assert "rad" in words
-    assert not re.search(r"\b[µmk]?deg\b|°/s|\d°|e\+\d", words)
+    alone, beside = re.subn(r"rad(?:/s)?\s*\([^()]*°(?:\s?/s)?\)", "rad", words)
+    assert beside
+    assert re.findall(r".{0,40}(?:\b[µmk]?deg\b|°/s|\d\s?°|e\+\d).{0,20}", alone) == []
 
 
 def test_a_run_after_a_trace_shows_the_figures_before_it_at_once(make_run, undrawn, tmp_path):

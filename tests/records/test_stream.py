@@ -154,31 +154,14 @@ def test_every_bit_counts(tmp_path):
             read_blocks(file, "sample")
 
 
-def old_record(path, count, end=True):
-    """As it was written before there were checksums."""
+def test_a_record_without_checksums_is_refused_in_one_line(file):
+    """As they were written before there were any; none of the version before is so."""
     header = {"kind": "sample", "version": 1, "columns": {"tick": {"unit": "", "scale": 1.0}}}
-    schema = pa.schema([("tick", pa.int64())], metadata={b"gyrohil": json.dumps(header)})
-    with pa.OSFile(str(path), "wb") as file:
-        stream = pa.ipc.new_stream(file, schema)
-        for block, first in enumerate([0, *range(0, count, BLOCK)]):
-            values = np.arange(first, min(first + BLOCK, count)) if block else np.arange(0)
-            note = json.dumps({"block": block, "first_row": first})
-            batch = pa.record_batch([pa.array(values)], schema=schema)
-            stream.write_batch(batch, custom_metadata={b"gyrohil": note})
-        if end:
-            batch = pa.record_batch([pa.array([], pa.int64())], schema=schema)
-            stream.write_batch(batch, custom_metadata={b"gyrohil": json.dumps({"end": True, "rows": count})})
-            stream.close()
-
-
-def test_a_record_from_before_there_were_checksums_is_read_and_known_as_such(file):
-    old_record(file, 3 * BLOCK + 5)
-    blocks = read_blocks(file, "sample")
-    assert (blocks.rows, blocks.complete, blocks.sealed) == (3 * BLOCK + 5, True, False)
-    np.testing.assert_array_equal(blocks.columns["tick"], np.arange(3 * BLOCK + 5))
-    old_record(file, 2 * BLOCK, end=False)
-    blocks = read_blocks(file, "sample")
-    assert (blocks.rows, blocks.complete, blocks.sealed) == (2 * BLOCK, False, False)
+    table = pa.table({"tick": np.arange(9)}).replace_schema_metadata({b"gyrohil": json.dumps(header)})
+    with pa.ipc.new_stream(str(file), table.schema) as stream:
+        stream.write_table(table)
+    with pytest.raises(InputError, match="a record without checksums, which this program does not read; use the hil"):
+        read_blocks(file, "sample")
 
 
 def test_a_part_is_what_the_whole_has_there(file):

@@ -1,7 +1,6 @@
 """Adapters as a package that was just installed would bring them."""
 
 from collections.abc import Callable
-from importlib.metadata import entry_points
 from pathlib import Path
 
 import pytest
@@ -21,10 +20,3 @@ def install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Install:
         monkeypatch.syspath_prepend(str(folder.parent))
 
     return put
-
-
-@pytest.fixture(autouse=True)
-def _own_adapters(install: Install) -> None:
-    """The bench's own ones, where this checkout has not been installed since they were declared."""
-    if "stim300" not in entry_points(group="hil.boards").names:
-        install("stim300", "hil.sensors.stim300:Stim300")

@@ -4,6 +4,16 @@ A register that starts with all ones is the same as inverting the first 32 bits 
 the remainder of m x³² by g.
 """
 
+from functools import partial
+from math import radians
+
+from hil.sensors.declared import protocols
+from hil.sensors.stream_decoder import StreamDecoder
+
+Stim300 = partial(StreamDecoder, protocols()["stim300"])
+SIZE, RATE_RAD_S = 18, radians(2.0**-14)
+"""Bytes of the rate-only datagram, and one step of a rate."""
+
 G = 0x104C11DB7
 
 

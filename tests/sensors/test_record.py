@@ -20,7 +20,7 @@ from hil.records.capture import Capture, read_capture
 from hil.records.rates import rates_rad_s
 from hil.records.result import Result, load_result
 from hil.report import sensor
-from hil.sensors.adapter import find_port
+from hil.sensors.port import find_port
 from hil.sensors.record import record
 from hil.sensors.request import RecordRequest, request_of
 from hil.wire.errors import LinkError
@@ -139,7 +139,7 @@ def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     with emulated("--rate", "5") as (link, _):
         assert cli.execute(["record", link, "--duration", "0.5", "--out", str(tmp_path)]) == 0
     told = capfd.readouterr().out
-    assert "Sensonor STIM300, rate, 500.000 samples a second by its own clock" in told
+    assert "Sensonor STIM300, STIM318, 500.000 samples a second by its own clock" in told
     assert "lost, damaged" in told
     assert "verdict  good" in told
     (folder,) = tmp_path.iterdir()
@@ -157,9 +157,9 @@ def test_the_verb(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.moderate
 def test_links_of_adapters() -> None:
     port = find_port("stim300:/dev/ttyUSB0?baud=1843200")
-    assert (port.path, port.baud, port.adapter.title) == ("/dev/ttyUSB0", 1_843_200, "Sensonor STIM300, rate")
+    assert (port.path, port.baud, port.adapter.title) == ("/dev/ttyUSB0", 1_843_200, "Sensonor STIM300, STIM318")
     for wrong, told in (
-        ("stim:/dev/ttyUSB0", "no adapter of that name; known: stim300"),
+        ("stim:/dev/ttyUSB0", "no adapter of that name; known: bosch-mm"),
         ("stim300:", "no adapter of that name"),
         ("stim300:/dev/ttyUSB0?baut=1", "bad option; expected stim300:PATH or stim300:PATH?baud=921600"),
     ):
@@ -168,7 +168,7 @@ def test_links_of_adapters() -> None:
 
 
 def test_an_adapter_from_another_package(install: Install) -> None:
-    install("other", "hil.sensors.stim300:Stim300")
+    install("other", "tests.sensors.golden:Stim300")
     assert find_port("other:/dev/ttyUSB3").path == "/dev/ttyUSB3"
 
 

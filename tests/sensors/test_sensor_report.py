@@ -20,8 +20,8 @@ from hil.report.figures.spectrum import amplitude_density
 from hil.report.sensor import write_report
 from hil.report.sensor.material import SensorMaterial
 from hil.sensors.record import judge
-from hil.sensors.stim300 import RATE_RAD_S, Stim300
 from tests.records.test_report import checked
+from tests.sensors.golden import RATE_RAD_S, Stim300
 
 pytestmark = pytest.mark.slow  # whole pages
 
@@ -108,7 +108,7 @@ def test_the_page_is_whole_and_stands_alone(page: Make) -> None:
 def test_it_says_what_was_recorded_and_checked(page: Make) -> None:
     said = words(page(noise(20_000) + np.array([0.0, 12.5, 0.0])))
     assert "Good. 20000 samples of 3 axes in 80.0 s, none lost, no wrong checksum." in said.replace("20 000", "20000")
-    assert "Sensonor STIM300, rate: 3 axes (x, y, z), 250 samples a second by its own count" in said
+    assert "Sensonor STIM300, STIM318: 3 axes (x, y, z), 250 samples a second by its own count" in said
     assert "40 ppm faster than that; a millisecond in which one arrives is 13 ppm of this record" in said
     assert "250.0100 Hz; nominal 250 Hz, +40 ppm" in said
     assert "samples missing by the sensor's counter 0 at most 0.1 % yes" in said

@@ -1,0 +1,216 @@
+"""Where the fields of one frame stand: from a declaration and a frame's head to a function that reads it."""
+
+import struct
+from collections.abc import Callable, Mapping, Sequence
+from typing import Literal, NamedTuple
+
+from hil.sensors.checksums import CHECKS
+from hil.sensors.declared import Field, Protocol, fields_of
+
+LONGEST = 1024
+"""Bytes; whatever says it is longer is no frame."""
+
+_24 = {"t": True, "T": False}
+_PRECISIONS = {0: ("f", 1.0), 1: ("i", 2.0**-20), 3: ("d", 1.0)}
+
+
+class Reading(NamedTuple):
+    """What one frame says: the counter or None, values of fields with a column by name, status, latency in µs."""
+
+    counter: int | None
+    values: dict[str, float]
+    status: int
+    latency_us: int
+
+
+class Layout(NamedTuple):
+    """The fields of a frame, `size` bytes of it in all, and how it is read."""
+
+    size: int
+    fields: tuple[Field, ...]
+    read: Callable[[bytes], Reading]
+
+
+Finder = Callable[[bytes, int], Layout | int | None]
+"""From a buffer and where a frame may begin to its layout; to the bytes there must be first; None where it is none."""
+
+
+def begins_of(protocol: Protocol) -> list[bytes]:
+    """What its frames begin with."""
+    if "frames" in protocol.how:
+        return [bytes.fromhex(start) for start in protocol.how["frames"]]
+    if "sentences" in protocol.how:
+        return [b"$" + name.encode() + b"," for name in protocol.how["sentences"]]
+    return [bytes.fromhex(protocol.how["groups" if "groups" in protocol.how else "tags"]["sync"])]
+
+
+def finder_of(protocol: Protocol) -> Finder:
+    """How its frames are laid out, by the way it declares."""
+    if "frames" in protocol.how:
+        return _by_start(protocol)
+    if "sentences" in protocol.how:
+        return _by_sentence(protocol)
+    return _by_group(protocol) if "groups" in protocol.how else _by_tag(protocol)
+
+
+def by_start(protocol: Protocol) -> dict[bytes, Layout]:
+    """The layouts of frames whose first bytes tell their length; none of a protocol that declares another way."""
+    layouts: dict[bytes, Layout] = {}
+    for start, blocks in protocol.how.get("frames", {}).items():
+        texts = [text for block in blocks.split() for text in protocol.how["blocks"][block]]
+        layouts[bytes.fromhex(start)] = _binary(protocol, len(start) // 2, tuple(fields_of(texts)))
+    return layouts
+
+
+def _by_start(protocol: Protocol) -> Finder:
+    layouts = by_start(protocol)
+    width = max(map(len, layouts))
+    return lambda buffer, at: layouts.get(buffer[at : at + width])
+
+
+def _by_group(protocol: Protocol) -> Finder:
+    groups = [[tuple(fields_of(texts)) for texts in group] for group in protocol.how["groups"]["fields"]]
+    known: dict[bytes, Layout | None] = {}
+
+    def find(buffer: bytes, at: int) -> Layout | int | None:
+        if len(buffer) < at + 2:
+            return 2
+        chosen = [bit for bit in range(8) if buffer[at + 1] >> bit & 1]
+        if not chosen or chosen[-1] >= len(groups):
+            return None
+        head = buffer[at : at + 2 + 2 * len(chosen)]
+        if len(head) < 2 + 2 * len(chosen):
+            return 2 + 2 * len(chosen)
+        if head not in known:
+            masks = struct.unpack_from(f"<{len(chosen)}H", head, 2)
+            bits = [(groups[group], mask) for group, mask in zip(chosen, masks, strict=True)]
+            if any(mask == 0 or mask >> len(group) for group, mask in bits):
+                return None
+            texts = [one for group, mask in bits for bit, one in enumerate(group) if mask >> bit & 1]
+            fields = tuple(one for each in texts for one in each)
+            if len(known) > 1000:  # of noise
+                known.clear()
+            known[head] = _binary(protocol, len(head), fields)
+        return known[head]
+
+    return find
+
+
+def _by_tag(protocol: Protocol) -> Finder:
+    declared = {int(tag, 16): tuple(fields_of(texts)) for tag, texts in protocol.how["tags"].items() if tag != "sync"}
+    sync = len(protocol.how["tags"]["sync"]) // 2
+    known: dict[bytes, Layout | None] = {}
+
+    def find(buffer: bytes, at: int) -> Layout | int | None:
+        head = sync + 1
+        if len(buffer) < at + head:
+            return head
+        length = buffer[at + sync]
+        if length == 0xFF:
+            head = sync + 3
+            if len(buffer) < at + head:
+                return head
+            length = int.from_bytes(buffer[at + sync + 1 : at + head], "big")
+        size = head + length + CHECKS[protocol.check].size
+        if length == 0 or size > LONGEST:
+            return None
+        if len(buffer) < at + size:
+            return size
+        key, place, fields = buffer[at : at + head], at + head, []
+        while place < at + head + length:
+            tag, width = int.from_bytes(buffer[place : place + 2], "big"), buffer[place + 2]
+            key += buffer[place : place + 3]
+            fields += _tagged(declared, tag, width)
+            place += 3 + width
+        if place != at + head + length:
+            return None
+        if len(known) > 1000:
+            known.clear()
+        if key not in known:
+            known[key] = _binary(protocol, head, tuple(fields))
+        return known[key]
+
+    return find
+
+
+def _tagged(declared: Mapping[int, tuple[Field, ...]], tag: int, width: int) -> list[Field]:
+    """Identifier and length are skipped, and the whole of what is not declared or of another precision."""
+    skip = Field("-", "3s")
+    precision = _PRECISIONS.get(tag & 3)
+    fields = []
+    for one in declared.get(tag & 0xFFF0, ()):
+        if one.type == "F" and precision is None:
+            return [Field("-", f"{3 + width}s")]
+        kind, factor = (one.type, 1.0) if one.type != "F" or precision is None else precision
+        fields.append(one._replace(type=kind, factor=one.factor * factor))
+    if not fields or struct.calcsize(">" + "".join(one.type for one in fields)) != width:
+        return [Field("-", f"{3 + width}s")]
+    return [skip, *fields]
+
+
+def _binary(protocol: Protocol, head: int, fields: tuple[Field, ...]) -> Layout:
+    """Fields packed one after the other behind `head` bytes."""
+    codes = "".join("3s" if one.type in _24 else one.type for one in fields)
+    packed = struct.Struct(f"{protocol.order}{head}x{codes}")
+    order: Literal["big", "little"] = "big" if protocol.order == ">" else "little"
+    signed = [_24.get(one.type) for one in fields]
+
+    def read(frame: bytes) -> Reading:
+        numbers = (
+            number if sign is None else int.from_bytes(number, order, signed=sign)
+            for number, sign in zip(packed.unpack_from(frame), signed, strict=True)
+        )
+        return _reading(fields, numbers, protocol)
+
+    size = packed.size + CHECKS[protocol.check].size + len(protocol.tail)
+    return Layout(size, fields, read)
+
+
+def _by_sentence(protocol: Protocol) -> Finder:
+    """Text: `$NAME,number,…*CHECKSUM`, two digits of an exclusive or or four of a CRC, over what stands between."""
+    declared = {b"$" + name.encode(): tuple(fields_of(texts)) for name, texts in protocol.how["sentences"].items()}
+
+    def find(buffer: bytes, at: int) -> Layout | int | None:
+        star = buffer.find(b"*", at, at + 300)
+        if star < 0:
+            return len(buffer) - at + 1 if len(buffer) - at < 300 else None
+        if len(buffer) < star + 5:
+            return star + 5 - at
+        fields = declared[buffer[at : at + 6]]
+        digits = 4 if all(byte in b"0123456789ABCDEFabcdef" for byte in buffer[star + 1 : star + 5]) else 2
+
+        def read(frame: bytes) -> Reading:
+            texts = frame[: star - at].split(b",")[1:]
+            return _reading(fields, map(float, texts), protocol)
+
+        return Layout(star + 1 + digits - at, fields, read)
+
+    return find
+
+
+def _reading(fields: Sequence[Field], numbers: object, protocol: Protocol) -> Reading:
+    counter: int | None = None
+    values: dict[str, float] = {}
+    status, latency_us = 0, -1
+    for one, number in zip(fields, numbers, strict=True):  # type: ignore[call-overload]
+        match one.name:
+            case "-":
+                pass
+            case "counter":
+                counter = number
+            case "time_ns":
+                counter = number // 1000 % protocol.counter_size
+            case "status":
+                status |= number << int(one.factor)
+            case "latency_us":
+                latency_us = number
+            case name:
+                values[name] = number
+    for name in [name for name in values if "@" in name]:  # only where that bit of the status is set
+        plain, _, bit = name.partition("@")
+        number = values.pop(name)
+        if status >> int(bit) & 1:
+            values[plain] = number
+    if "counter" in protocol.status:
+        counter = status >> int(protocol.status["counter"]) & (protocol.counter_size - 1)
+    return Reading(counter, values, status & 0x7FFF_FFFF_FFFF_FFFF, latency_us)

@@ -1,0 +1,60 @@
+"""Where frames may begin in a buffer: one after the other, or, in many bytes of noise, at once for all of them."""
+
+import re
+from bisect import bisect_left
+
+import numpy as np
+
+from hil.sensors.checksums import CHECKS, fitting, parts_of
+from hil.sensors.declared import Protocol
+from hil.sensors.layouts import begins_of, by_start
+
+MANY = 1 << 15
+"""Bytes from which on it pays to try all places at once."""
+
+
+class Sieve:
+    """Of one protocol; what was worked out for a length of frame is kept."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.begin = re.compile(b"|".join(re.escape(one) for one in begins_of(protocol)), re.DOTALL)
+        self._protocol = protocol
+        self._sizes = {begin: layout.size - len(protocol.tail) for begin, layout in by_start(protocol).items()}
+        self._parts = {}  # type: ignore[var-annotated]  # by the length that the checksum covers
+
+    def hopeful(self, buffer: bytes) -> list[int]:
+        """Places, rising, of all frames whose checksum fits, and of what is not whole yet or tells its length later."""
+        if not self._sizes:
+            return [found.start() for found in self.begin.finditer(buffer)]
+        octets, kept = np.frombuffer(buffer, np.uint8), []
+        check, before = CHECKS[self._protocol.check], self._protocol.check_from
+        for begin, size in self._sizes.items():
+            starts = np.flatnonzero(octets == begin[0])
+            for place, byte in enumerate(begin[1:], 1):
+                starts = starts[starts < octets.size - place]
+                starts = starts[octets[starts + place] == byte]
+            whole = np.searchsorted(starts, octets.size - size, "right")
+            covered = size - before
+            if covered not in self._parts:
+                self._parts[covered] = parts_of(check, covered)
+            kept += [fitting(check, self._parts[covered], octets, starts[:whole] + before) - before, starts[whole:]]
+        return np.sort(np.concatenate(kept)).tolist()  # type: ignore[no-any-return]
+
+
+class Places:
+    """The places of one buffer."""
+
+    def __init__(self, sieve: Sieve, buffer: bytes) -> None:
+        self._sieve, self._buffer = sieve, buffer
+        self._hopeful: list[int] | None = None
+
+    def after(self, at: int, *, sought: bool) -> int | None:
+        """The next from `at` on where a frame may begin; of what is `sought` in many bytes those are left out whose
+        checksum does not fit."""
+        if sought and self._hopeful is None and len(self._buffer) - at >= MANY:
+            self._hopeful = self._sieve.hopeful(self._buffer)
+        if not sought or self._hopeful is None:
+            found = self._sieve.begin.search(self._buffer, at)
+            return None if found is None else found.start()
+        place = bisect_left(self._hopeful, at)
+        return self._hopeful[place] if place < len(self._hopeful) else None

@@ -1,0 +1,149 @@
+"""One decoder for every declared protocol of a serial line: bytes in, samples out.
+
+After a frame the next one is expected at once. What stands there instead is counted: a wrong checksum as such, other
+bytes as skipped; the beginning of a frame is then looked for until a checksum fits again.
+"""
+
+import binascii
+import math
+from functools import reduce
+from operator import xor
+
+from hil.records.layout import Column
+from hil.sensors.adapter import Sample
+from hil.sensors.checksums import CHECKS
+from hil.sensors.declared import Protocol, fields_of
+from hil.sensors.layouts import Layout, Reading, begins_of, finder_of
+from hil.sensors.sieve import Places, Sieve
+
+_OWN_COUNT = 256
+"""Values of the count that stands for a counter where the sensor has none."""
+
+
+class StreamDecoder:
+    """Decoder of one stream; see `hil.sensors.adapter.Adapter`.
+
+    Attributes:
+        frames: those whose checksum fitted; understood: bytes of these.
+        counter_size, counter_Hz: of a count of our own where the sensor sends neither counter nor clock: then only the
+            host's clock tells of gaps.
+    """
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.name, self.title, self.protocol = protocol.name, protocol.title, protocol
+        self.baud, self.bauds, self.rates_Hz = protocol.bauds[0], protocol.bauds, protocol.rates_Hz
+        self.counter_size = protocol.counter_size or _OWN_COUNT
+        self.counter_Hz = protocol.counter_Hz
+        self.crc_errors = self.skipped = self.frames = self.understood = 0
+        self.channels = _expected(protocol)
+        self._columns: dict[str, Column] = {}
+        self._held: dict[str, float] = {}
+        self._find, self._ends = finder_of(protocol), protocol.ends
+        self._sieve = Sieve(protocol)
+        self._kept = max(max(map(len, begins_of(protocol))) - 1, len(protocol.ends))
+        self._is_text = "sentences" in protocol.how
+        self._rest = b""
+        self._count = 0
+        self._synchronised = self._begun = False
+
+    def feed(self, data: bytes) -> list[Sample]:
+        """As `Adapter.feed`."""
+        buffer, at, samples = self._rest + data, 0, []
+        places = Places(self._sieve, buffer)
+        while (begin := places.after(at, sought=not self._synchronised)) is not None:
+            if self._synchronised and self._ends and buffer.startswith(self._ends, at):
+                at += len(self._ends)
+                continue
+            if begin > at:
+                self._skip(buffer[at:begin])
+                at = begin
+            found = self._find(buffer, at)
+            size = found if isinstance(found, int) else 0 if found is None else found.size
+            if at + size > len(buffer):
+                break
+            if isinstance(found, Layout) and self._fits(frame := buffer[at : at + size]):
+                at += size
+                self._synchronised = self._begun = True
+                self.frames += 1
+                self.understood += size
+                if (sample := self._sample(found, frame)) is not None:
+                    samples.append(sample)
+                continue
+            self._lose(buffer[at : at + 1], in_frame=True)
+            at += 1
+        else:
+            end = max(len(buffer) - self._kept, at)
+            if end > at and not (self._ends and buffer.startswith(self._ends, at)):
+                self._skip(buffer[at:end])
+                at = end
+        self._rest = buffer[at:]
+        return samples
+
+    def complaints(self, status: int) -> list[str]:
+        """As `Adapter.complaints`."""
+        return self.protocol.complaints(status)
+
+    def _fits(self, frame: bytes) -> bool:
+        if self._is_text:
+            body, _, told = frame[1:].partition(b"*")
+            made = reduce(xor, body) if len(told) == 2 else binascii.crc_hqx(body, 0)
+            try:
+                return int(told, 16) == made
+            except ValueError:
+                return False
+        tail = self.protocol.tail
+        body = frame[self.protocol.check_from : len(frame) - len(tail)]
+        return frame.endswith(tail) and CHECKS[self.protocol.check].left(body) == 0
+
+    def _skip(self, between: bytes) -> None:
+        """Bytes where no frame begins; lines of text between frames are answers to a command."""
+        self._lose(between, in_frame=not between.isascii())
+
+    def _lose(self, lost: bytes, *, in_frame: bool) -> None:
+        if self._synchronised and in_frame:
+            self.crc_errors += 1
+            self._count += 1
+        self._synchronised = False
+        self.skipped += len(lost) if self._begun else 0
+
+    def _sample(self, layout: Layout, frame: bytes) -> Sample | None:
+        try:
+            reading = layout.read(frame)
+        except ValueError:  # a text whose columns are no numbers, or not as many as declared
+            return None
+        if not all(map(math.isfinite, reading.values.values())):
+            return None
+        for one in layout.fields:
+            name = one.name.partition("@")[0]
+            if name in reading.values and name not in self._columns and (column := one.column) is not None:
+                self._columns[name] = column
+                self.channels = tuple(self._columns.values())
+        self._held |= reading.values
+        rates = [name for name in self._columns if name.startswith("rate_")]
+        if any(name not in reading.values for name in rates):
+            return None  # temperatures between two samples, and the like
+        return Sample(self._counted(reading), tuple(self._held[name] for name in self._columns), reading.status,
+                      reading.latency_us)  # fmt: skip
+
+    @property
+    def has_rates(self) -> bool:
+        """Whether what was heard has an angular rate."""
+        return any(name.startswith("rate_") for name in self._columns)
+
+    def _counted(self, reading: Reading) -> int:
+        if reading.counter is not None:
+            return reading.counter % self.counter_size
+        self.counter_size, self.counter_Hz = _OWN_COUNT, 0.0
+        self._count += 1
+        return self._count % self.counter_size
+
+
+def _expected(protocol: Protocol) -> tuple[Column, ...]:
+    """The rates, as the first frame that is declared with some has them."""
+    how = protocol.how
+    lists = [*how.get("blocks", {}).values(), *how.get("sentences", {}).values()]
+    lists += [texts for group in how.get("groups", {}).get("fields", ()) for texts in group]
+    lists += [texts for tag, texts in how.get("tags", {}).items() if tag != "sync"]
+    texts = next(texts for texts in lists if any(text.startswith("rate_") for text in texts))
+    columns = [one.column for one in fields_of(texts) if one.name.startswith("rate_")]
+    return tuple(column for column in columns if column is not None)
