@@ -48,14 +48,14 @@ def workers() -> int:
 
 
 def one_worker_each() -> None:
-    """For whoever runs several processes side by side: they and those they start have one worker each."""
+    """For a caller that runs several processes side by side: they and those they start have one worker each."""
     os.environ[WORKERS] = "1"
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """For whoever asks for pieces side by side: they use the processors, and threads of BLAS beside them would wait for
-    each other (a trace that way took five times as long).  Holds for the process, and ends with the block.
+    """For pieces side by side: they use the processors, and threads of BLAS beside them would wait for each other
+    (a trace that way took five times as long).  Holds for the process, and ends with the block.
     """
     with threadpool_limits(limits=1, user_api="blas"):
         yield
@@ -102,7 +102,7 @@ def together(one: Callable[[], Result], other: Callable[[], Other]) -> tuple[Res
 def stop_if_abandoned() -> None:
     """To be called now and then in a long piece.
 
-    Raises Abandoned where whoever asked for it has been interrupted.
+    Raises Abandoned where the caller has been interrupted.
     """
     batch: _Batch[Any] | None = getattr(_now, "batch", None)
     if batch is not None and batch.is_abandoned():

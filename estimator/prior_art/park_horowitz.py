@@ -116,7 +116,8 @@ class ParkHorowitz:
         ux = (kxx - w1 * w1) * qx + kxy * qy + dxx * px + dxy * py - 2.0 * rate * py - gamma * fx
         uy = kxy * qx + (kyy - w2 * w2) * qy + dxy * px + dyy * py + 2.0 * rate * px - gamma * fy
         bound, scale = self._limit, 1.0 / self._hold
-        return tuple(round(min(max(u * scale, -bound), bound) / self._quantum) for u in (ux, uy))  # type: ignore
+        cx, cy = (round(min(max(u * scale, -bound), bound) / self._quantum) for u in (ux, uy))
+        return cx, cy
 
     @property
     def reading(self) -> Reading:

@@ -41,3 +41,13 @@ def read(sense: Array, device: Device, control: ControllerSettings | None = None
     if cycles == 0:
         return Reading(index[known], angle)
     return carried_on(middle, angle, 1 + length // 2, length)
+
+
+def read_components(streams: Array, device: Device, control: ControllerSettings | None = None) -> Reading:
+    """The same of demodulated streams (n, 4): x and y in phase, then both in quadrature, in volts, NaN where lost;
+    Lynch's S over R is the tangent of twice the angle.
+    """
+    x, y = ((streams[:, axis] + 1j * streams[:, 2 + axis]) / device.sense_gain[axis] for axis in range(2))
+    double = np.arctan2(2.0 * (x * y.conj()).real, np.abs(x) ** 2 - np.abs(y) ** 2)
+    index = np.flatnonzero(np.isfinite(double))
+    return Reading(index, rotation(double[index], index, device, control))

@@ -39,7 +39,10 @@ def displacement(sense: Array, device: Device) -> Array:
     """
     if device.axes != 2:
         raise ModelError("an angle needs two axes, the device has one")
-    return np.asarray(sense / np.array(device.sense_gain))
+    shown = np.asarray(sense / np.array(device.sense_gain))
+    if device.interface is None:
+        return shown
+    return np.column_stack([device.interface.inverse(axis, shown[:, axis]) for axis in range(2)])
 
 
 def virtual_angle(index: NDArray[np.int64], device: Device, control: ControllerSettings | None) -> Array:

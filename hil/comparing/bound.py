@@ -58,8 +58,9 @@ def _states(given: Given, truth: Truth) -> Array:
         raise InputError("the truth lacks samples of the record, so there is no bound; give the truth of this run")
     motion = np.column_stack([truth[name][theirs] for name in _MOTION])
     constants = truth.constants
-    named = [constants[f"{name}_per_s2"] for name in STIFFNESS] + [constants[f"{name}_per_s"] for name in DAMPING]
-    return np.column_stack([motion, np.tile(named, (len(tick), 1))])
+    named = [f"{name}_per_s2" for name in STIFFNESS] + [f"{name}_per_s" for name in DAMPING]
+    each = [np.full(len(tick), constants[n]) if n in constants else truth[n][theirs] for n in named]
+    return np.column_stack([motion, *each])
 
 
 def _rms(values: Array) -> float:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -11,6 +12,7 @@ from hil.records.capture import Capture
 from hil.records.coverage import COVERAGE
 from hil.records.methods import MethodKind, MethodRow
 from hil.records.truth import Truth
+from hil.scoring.reference import ReferenceRate
 
 Floats = npt.NDArray[np.float64]
 STIFFNESS, DAMPING = ("kxx", "kyy", "kxy"), ("dxx", "dyy", "dxy")
@@ -21,8 +23,9 @@ _HELD = 0.1  # of the scored window, over which it has to hold
 @dataclass(frozen=True)
 class MethodCourse:
     """Angle (rows,) [rad] and rate [rad/s] after the ticks `tick` (rows,); parameters at the end, [1/s²] and [1/s],
-    with their standard deviations where the method says them; angle_u, the standard uncertainty of the angle's change,
-    and rate_sd (rows,) likewise.  lost_tick: where the method itself tells that it has lost the device.
+    with their standard deviations where the method says them; angle_u, the standard uncertainty of the angle's change
+    over the scored window, and rate_sd (rows,) likewise.  lost_tick: where the method itself tells that it has lost the
+    device.
     """
 
     name: str
@@ -33,7 +36,7 @@ class MethodCourse:
     rate_sd: Floats | None = None
     parameters: Mapping[str, float] = field(default_factory=dict)
     deviations: Mapping[str, float] = field(default_factory=dict)
-    angle_u: Floats | None = None
+    angle_u: float | None = None
     lost_tick: int | None = None
     cost_us: float | None = None
     own_record: bool = False
@@ -46,7 +49,7 @@ class Reference:
     are known.
     """
 
-    name: str
+    name: Literal["truth", "rate channel", "reference gyro"]
     tick: npt.NDArray[np.int64]
     angle: Floats
     rate: Floats
@@ -62,11 +65,15 @@ def parameters_of(truth: Truth) -> dict[str, float]:
     return {name.partition("_per_")[0]: value for name, value in truth.constants.items()}
 
 
-def reference_of(captured: Capture, truth: Truth | None) -> Reference | None:
-    """The truth, or else the record's own rate channel; None where there is neither."""
+def reference_of(captured: Capture, truth: Truth | None, beside: ReferenceRate | str = "") -> Reference | None:
+    """The truth, or else the record's own rate channel, or the gyro beside the run; None where there is none."""
     if truth is not None:
         return Reference("truth", truth.tick, truth["angle_rad"], truth["rate_rad_s"], parameters_of(truth))
     rate = captured.rate_rad_s
+    if rate is None and not isinstance(beside, str):
+        known = captured.part(*np.searchsorted(captured.t_s, beside.t_s[[0, -1]]).tolist())
+        turned, its_rate = beside.turned(known.t_s), np.interp(known.t_s, beside.t_s, beside.rate_rad_s)
+        return Reference("reference gyro", known.tick, turned, its_rate)
     if rate is None:
         return None
     steps = np.diff(captured.tick) / captured.tick_rate_Hz
@@ -98,8 +105,8 @@ class Judge:
             kind=course.kind,
             record="its own" if course.own_record else "this",
             angle_rad=_finite(course.angle[scored][-1] - course.angle[scored][0]),
-            angle_u_rad=None if course.angle_u is None else _finite(course.angle_u[-1]),
-            angle_expanded_rad=None if course.angle_u is None else _finite(COVERAGE * course.angle_u[-1]),
+            angle_u_rad=None if course.angle_u is None else _finite(course.angle_u),
+            angle_expanded_rad=None if course.angle_u is None else _finite(COVERAGE * course.angle_u),
             rate_expanded_rad_s=None if course.rate_sd is None else _finite(COVERAGE * _rms(course.rate_sd[scored])),
             stiffness_expanded=self._deviation(course, STIFFNESS, self._k),
             cost_us=course.cost_us,

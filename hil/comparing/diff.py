@@ -167,7 +167,7 @@ def _of_run(result: Result) -> Iterator[tuple[str, _Value]]:
     yield "innovation, rms", ("V", result.innovation_rms, None)
     yield "noise floor", ("V", result.noise_floor, None)
     for name, parameter in result.parameters.items():
-        yield name, (parameter.unit, parameter.value, _half(*parameter.ci95))
+        yield name, (parameter.unit, parameter.value, parameter.half)
     if (answers := result.answers) is not None and answers.ticks:
         yield "answered in time", ("%", 100.0 * answers.in_time / answers.ticks, None)
     if (times := result.turnaround_us) is not None:

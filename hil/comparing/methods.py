@@ -9,7 +9,7 @@ import numpy as np
 
 from estimator.errors import ModelError
 from hil.bench import Bench, override
-from hil.bench.by_verb import require_usable
+from hil.bench.by_verb import of_a_record, require_usable
 from hil.comparing import prior_art
 from hil.comparing.board import board_course
 from hil.comparing.bound import bound_of
@@ -26,8 +26,8 @@ from hil.comparing.observers import (
 )
 from hil.comparing.own_loop import ADAPTIVE, own_runs, require_emulated
 from hil.comparing.record import Given, given
+from hil.comparing.sheet import Pattern, pattern_of, sheet_of
 from hil.errors import InputError
-from hil.loop.run import new_folder
 from hil.plugins.errors import PluginError
 from hil.progress import Progress, Watcher
 from hil.records.atomic import require_place
@@ -37,6 +37,7 @@ from hil.records.methods import MethodRow, Methods, save_methods
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
+from hil.running.run import new_folder
 from hil.scoring.score import require_reach, require_same_run, truth_in
 from hil.tracing.addition import additions
 from hil.tracing.traced import called
@@ -72,15 +73,18 @@ def compare(
     """Run every method over the record at `capture`; a new folder below `out` has what came of it.
 
     truth: file that the emulated board of the record wrote, without which the record's own rate channel is the
-    reference, if it has one.  link: an emulated board on which methods that close the loop themselves do so.
-    diagnosis: what a trace found on the record, to be carried by the 13 states.  Raises InputError for a record that
-    does not belong to the bench file or cannot be compared; nothing is left then.
+    reference, or the sold gyro beside the run, if it has one.  link: an emulated board on which methods that close the
+    loop themselves do so.  diagnosis: what a trace found on the record, to be carried by the 13 states.  Raises
+    InputError for a record that does not belong to the bench file or cannot be compared; nothing is left then.
     """
     require_usable(bench, "compare")
+    bench = of_a_record(bench)
     place = None if link is None else require_emulated(link)
     subject = given(capture, bench)
     require_place(out)
     known = None if truth is None else truth_in(truth)
+    if known is not None and truth is not None and subject.streams:
+        known = known.on(subject.device.sample_rate, truth)
     remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
     own = board_course(RunFolder(capture.parent)) if capture.name == "capture.arrow" else None
     found, lines = methods_on(
@@ -92,7 +96,7 @@ def compare(
     if report:
         progress(Progress("report", 0, 0))
         write_report(folder, found, lines, capture)
-    plugin = bench.observer.plugin
+    plugin = subject.bench.observer.plugin
     named = name_of(bench.observer.variant, bench.observer.gain) if plugin is None else plugin_name(plugin)
     return Compared(folder, found, named)
 
@@ -112,14 +116,15 @@ def methods_on(
     which see, with a link whose scenario is a path; board: what the board's own estimator said while it was recorded.
     """
     bench, remarks = subject.bench, list(remarks)
-    reference = reference_of(subject.captured, truth)
-    judge = Judge(bench.device.sample_rate_Hz, subject.scored_from_s, subject.device.target)
+    reference = reference_of(subject.captured, truth, subject.beside)
+    judge = Judge(subject.device.sample_rate, subject.scored_from_s, subject.device.target)
     if subject.seconds <= bench.loop.settle_s:
         raise InputError(
             f"{name}: {subject.seconds:.3g} s are over before settle_s = {bench.loop.settle_s:g} s; "
             "give a longer record, or a smaller settle_s"
         )
-    rows = _Rows(judge, progress)
+    pattern = None if truth is None else pattern_of(truth, subject.device.target)
+    rows = _Rows(judge, progress, pattern)
     if board is not None:
         rows.add(board.name, lambda: (board, reference))
     for title, method in _on_record(subject, diagnosis, remarks):
@@ -135,7 +140,9 @@ def methods_on(
             f"{STATES['gyro']} states and {prior_art.WITHOUT_OFFSETS}: take the sense offsets as zero, of which "
             f"{bench.offset_sd_V:g} V are declared; their U leaves them out"
         )
-    if truth is not None:
+    if subject.streams:
+        remarks.append("bound: of samples only")
+    elif truth is not None:
         progress(Progress("bound", 0, 0))
         try:
             rows.done.append(bound_of(subject, truth))
@@ -148,7 +155,7 @@ def methods_on(
         bench=bench.device.name,
         seconds=subject.seconds,
         window_s=(judge.from_s, float(subject.samples.tick[-1] / judge.rate_Hz)),
-        reference=None if reference is None else "truth" if truth is not None else "rate channel",
+        reference=None if reference is None else reference.name,
         rows=tuple(rows.done),
         remarks=tuple(remarks),
     )
@@ -158,18 +165,23 @@ def methods_on(
 class _Rows:
     """Methods run one after another; one that cannot is told in a line and left out."""
 
-    def __init__(self, judge: Judge, progress: Watcher) -> None:
+    def __init__(self, judge: Judge, progress: Watcher, pattern: Pattern | None) -> None:
         self.done: list[MethodRow] = []
         self.lines: list[Line] = []
         self.failed: list[str] = []
-        self._judge, self._progress = judge, progress
+        self._judge, self._progress, self._pattern = judge, progress, pattern
 
     def add(self, name: str, method: Callable[[], tuple[MethodCourse, Reference | None]]) -> None:
         """Run one."""
         self._progress(Progress(name, 0, 0))
         try:
             course, reference = method()
-            self.done.append(self._judge.row(course, reference))
+            row = self._judge.row(course, reference)
+            if reference is not None:
+                judge = self._judge
+                sheet = sheet_of(course, reference, self._pattern, judge.rate_Hz, judge.from_s)
+                row = row.model_copy(update={"sheet": sheet})
+            self.done.append(row)
         except (ModelError, InputError, PluginError) as error:
             self.failed.append(str(error) if str(error).startswith(name) else f"{name}: {error}")
             return
@@ -191,6 +203,9 @@ def _on_record(
     if bench.observer.plugin is not None:
         name = plugin_name(bench.observer.plugin)
         found.append((name, partial(course_of, subject, bench, name)))
+    if subject.streams:
+        remarks.append("demodulated streams: what reads samples within a cycle, as the 13 states, cannot be compared")
+        return [*found, prior_art.of_streams(subject)]
     for variant in STATES:
         for gain in GAINS:
             changed, name = with_observer(bench, variant, gain), name_of(variant, gain)

@@ -16,9 +16,10 @@ from hil.comparing.record import Given
 from hil.errors.strict_toml import parse_table
 from hil.inputs.captured import gaps_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
-from hil.loop.angle import ReportedAngle
 from hil.plugins.of_bench import recorded_observer
 from hil.records.methods import MethodKind
+from hil.verdict.budget import combined, contributions
+from hil.verdict.uncertainty import Sources
 
 STATES = {"sense": 7, "gyro": 11, "full": 13}
 GAINS = ("stationary", "ekf", "fading")
@@ -86,11 +87,6 @@ def course_of(
     # What a plug-in leaves out is declared, with a deviation of zero.
     estimated = {label for label in observer.estimated if seen.deviation[-1, column[label]] != 0.0}
     parameters = [label for label in (*STIFFNESS, *DAMPING) if label in estimated]
-    damping = [seen.state[:, column[label]] for label in DAMPING]
-    _, u = ReportedAngle(bench).follow(
-        tick / device.sample_rate, (seen.angle, seen.forced), seen.angle_sd,
-        seen.state[:, column["kxy"]], (damping[0], damping[1], damping[2]),
-    )  # fmt: skip
     rate = column["rate"]
     return MethodCourse(
         name=name,
@@ -101,10 +97,28 @@ def course_of(
         rate_sd=seen.deviation[:, rate],
         parameters={label: float(seen.state[-1, column[label]]) for label in parameters},
         deviations={label: float(seen.deviation[-1, column[label]]) for label in parameters},
-        angle_u=u,
+        angle_u=_angle_u(given, bench, seen, tick / device.sample_rate),
         lost_tick=None if seen.lost is None else int(given.samples.tick[seen.lost]),
         cost_us=cost_us,
     )
+
+
+def _angle_u(given: Given, bench: Bench, seen: Observed, t_s: Array) -> float | None:
+    """Standard uncertainty of the angle over the scored window, by the budget of a run."""
+    scored = np.flatnonzero(t_s >= given.scored_from_s)
+    if len(scored) < 2 or not np.isfinite(seen.angle_sd[-1]):
+        return None
+    first, column = int(scored[0]), {label: i for i, label in enumerate(seen.names)}
+    sources, state = Sources(bench), seen.state[-1]
+    course = sources.course(
+        float(t_s[-1] - t_s[first]),
+        float(seen.angle[-1] - seen.angle[first]),
+        float(seen.forced[-1] - seen.forced[first]),
+        float(state[column["kxy"]]),
+        tuple(float(state[column[label]]) for label in DAMPING),
+    )
+    information, scan = given.closing_scan
+    return combined(contributions(bench, sources, float(seen.angle_sd[-1]), course, information, scan))
 
 
 def integrated(given: Given, bench: Bench, name: str) -> MethodCourse:

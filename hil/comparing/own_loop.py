@@ -23,8 +23,8 @@ from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse, Reference, pa
 from hil.comparing.observers import with_observer
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
-from hil.loop.preflight import configure, require_suitable
 from hil.records.truth import read_truth
+from hil.running.preflight import configure, require_suitable
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, ProtocolError

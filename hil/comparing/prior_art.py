@@ -16,6 +16,7 @@ RATE_IDENTIFIED = "(a) rate by modulating functions, integrated"
 RAW = "(b) formula (11) on raw signals"
 RAW_AVERAGED = "(b) formula (11), averaged over a cycle"
 WITHOUT_OFFSETS = "(c) control law without sense errors"
+OF_STREAMS = "(b) formula (11) on the components"
 ELEMENTS = "(e) Friedland–Hutton"
 
 
@@ -38,6 +39,14 @@ def methods(given: Given) -> Iterator[tuple[str, Callable[[], MethodCourse]]]:
     )
     yield WITHOUT_OFFSETS, lambda: course_of(given, eleven, WITHOUT_OFFSETS, "prior art")
     yield ELEMENTS, lambda: read(given, ELEMENTS, lambda: friedland_hutton.read(given.sense, device, control))
+
+
+def of_streams(given: Given) -> tuple[str, Callable[[], MethodCourse]]:
+    """Of demodulated streams."""
+    device, control = given.device, given.control
+    return OF_STREAMS, lambda: read(
+        given, OF_STREAMS, lambda: raw_pattern.read_components(given.sense, device, control)
+    )  # fmt: skip
 
 
 def read(given: Given, name: str, method: Callable[[], Reading]) -> MethodCourse:

@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import pyarrow.compute as pc
 
 from hil.errors import InputError
-from hil.loop.request import request_of
-from hil.loop.run import run as run_loop
 from hil.progress import Watcher
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
-from hil.report import write_report
+from hil.report.page import write_report
+from hil.running.request import request_of
+from hil.running.run import run as run_loop
 from hil.scoring.score import score
 from hil.sweeping.figures import schema
 from hil.sweeping.initial_values import with_drawn_initial_values

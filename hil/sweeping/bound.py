@@ -7,9 +7,9 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.bench import Bench
-from hil.loop.tracks import column_of
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth
+from hil.running.tracks import column_of
 
 Floats = npt.NDArray[np.float64]
 

@@ -5,11 +5,13 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from hil.bench.data_sheet import BY_NAME
 from hil.bench.loop import RunName
 from hil.bench.section import Section, as_tuple
 from hil.errors.strict_toml import parse_table, read_table
-from hil.loop.options import OF_THE_LOOP, RunOptions
 from hil.options import chosen, with_fields
+from hil.running.options import OF_THE_LOOP, RunOptions
+from hil.sweeping.instrument import Chamber, Instrument, Table
 from hil.tracing.options import TraceOptions
 
 Value = float | int | bool | str
@@ -129,6 +131,15 @@ class Each(Section):
     again: bool = False
     """where the trace explained the record, the same board once more with what it found; with trace"""
 
+    figures: Texts = ()
+    """figures of a data sheet, by the names of `hil characterise`, as "bias" and "angle_random_walk": a column each"""
+
+    @model_validator(mode="after")
+    def _figures_are_known(self) -> Self:
+        if unknown := [name for name in self.figures if name not in BY_NAME]:
+            raise ValueError(f"figures: {unknown[0]}: no figure of a data sheet; there are {', '.join(BY_NAME)}")
+        return self
+
     @model_validator(mode="after")
     def _again_after_a_trace(self) -> Self:
         if self.again and not self.trace:
@@ -175,8 +186,9 @@ class Campaign(Section):
 
     name: RunName
     """of the folder of its results"""
-    scenario: str
-    """scenario file of the board: a path, also from this file's folder, or the name of an example"""
+    scenario: str | None = None
+    """scenario file of the board: a path, also from this file's folder, or the name of an example; not with [table] or
+    [chamber], where the board is that of the bench file's [link] url"""
     bench: str
     """bench file of the host, likewise"""
     seed: Seed = 1
@@ -200,6 +212,45 @@ class Campaign(Section):
     """table [trace]"""
     report: Report = Report()
     """table [report]"""
+    table: Table | None = None
+    """table [table]"""
+    chamber: Chamber | None = None
+    """table [chamber]"""
+
+    @property
+    def instruments(self) -> dict[str, Instrument]:
+        """Those that there are, by name."""
+        both: dict[str, Instrument | None] = {"table": self.table, "chamber": self.chamber}
+        return {name: one for name, one in both.items() if one is not None}
+
+    @property
+    def targets(self) -> dict[str, str]:
+        """By instrument the key of its targets."""
+        return {name: f"{name}.{one.quantity}" for name, one in self.instruments.items()}
+
+    @model_validator(mode="after")
+    def _instruments_have_targets(self) -> Self:
+        every = {key: one for one in self.vary for key in one.keys}
+        if not self.instruments:
+            if self.scenario is None:
+                raise ValueError("scenario: missing; expected: the scenario file of the board")
+            return self
+        if self.scenario is not None:
+            raise ValueError("scenario: an emulated board feels no table and no chamber; leave it out")
+        if self.each.model_fields_set or self.trace.model_fields_set:
+            raise ValueError("[each]: belongs to emulated boards, whose truth is known; leave it out")
+        for name, key in self.targets.items():
+            one = every.get(key)
+            if one is None and key not in self.fixed:
+                raise ValueError(f'[{name}]: no targets; give [[vary]] key = "{key}", or "{key}" in [fixed]')
+            values = [self.fixed[key]] if one is None else [*(one.values or ()), one.low, one.high]
+            limit = self.instruments[name].limit
+            if one is not None and (one.mean is not None or one.relative):
+                raise ValueError(f"[[vary]] key: {key}: takes values, or low and high; give those")
+            for value in values:
+                if value is not None and (not isinstance(value, int | float) or abs(value) > limit):
+                    raise ValueError(f"{key}: {value!r} is beyond [{name}] limit = {limit:g}; correct one of them")
+        return self
 
     @model_validator(mode="after")
     def _keys_differ(self) -> Self:
@@ -214,6 +265,8 @@ class Campaign(Section):
                 raise ValueError(f"[[vary]] {place + 1} levels: {one.column}: belongs to a grid; leave it out")
         every = [key for one in self.vary for key in one.keys] + list(self.fixed)
         for key in every:
+            if key in self.targets.values():
+                continue
             if not key.startswith(("scenario.", "bench.")):
                 raise ValueError(f"{key}: expected a key of `scenario.` or of `bench.`, such as scenario.sense.noise_V")
             if every.count(key) > 1:

@@ -1,7 +1,7 @@
 """Runs on a Dask cluster: the same tasks, handed to whichever workers there are.
 
 A worker that dies is the scheduler's to make good.  Should the scheduler die, this process waits for it to come back
-and hands out anew what it has no row of; a row that comes twice is dropped by whoever keeps them.
+and hands out anew what it has no row of; a row that comes twice is dropped where they are kept.
 """
 
 import json

@@ -3,6 +3,7 @@ wall stands elsewhere."""
 
 from typing import TYPE_CHECKING, Any
 
+from hil.bench.data_sheet import BY_NAME
 from hil.sweeping.campaign import Campaign, Vary
 
 if TYPE_CHECKING:
@@ -61,6 +62,9 @@ FIGURES = {
     "angle_u_rad": ("float64", "standard uncertainty of the angle that the run stated, k = 1; with [each] scan"),
     "angle_expanded_rad": ("float64", "expanded uncertainty of the angle, k = 2; with [each] scan"),
     "model_complete": ("bool", "what the closing scan said of the model; with [each] scan"),
+    "table_rate_rad_s": ("float64", "actual rate of the table, mean over the run; with [table]"),
+    "rate_less_table_rad_s": ("float64", "mean estimated rate of the scored window less that; with [table]"),
+    "chamber_C": ("float64", "actual temperature of the chamber, mean over the run; with [chamber]"),
     "traced": ("string", "verdict of the trace; with [each] trace"),
     "traced_effects": ("string", "what it named, with + between; with [each] trace"),
     **{
@@ -89,6 +93,8 @@ def schema(campaign: Campaign) -> "pyarrow.Schema":
     fields = [field(name, *told) for name, told in IDENTITY.items()]
     fields += [field(one.column, kind_of(one), ", ".join(one.keys)) for one in campaign.vary]
     fields += [field(name, *told) for name, told in {**FIGURES, **AT_END}.items()]
+    sheet = [BY_NAME[name] for name in campaign.each.figures]
+    fields += [field(one.key, "float64", f"{one.title}, of a data sheet; null: not told") for one in sheet]
     return pa.schema(fields, metadata={"campaign": campaign.name})
 
 

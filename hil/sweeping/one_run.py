@@ -7,7 +7,7 @@ import socket
 import tempfile
 import time
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -80,6 +80,8 @@ def _row(task: Task, place: Path) -> Row:
     if made.truth is None:
         return made.row
     row = made.row
+    if each.figures:
+        row |= _sheet(made.run, each.figures)
     if each.bound:
         row |= _bound(made.run, made.truth, bench, task.what["scenario"])
     if each.trace:
@@ -101,10 +103,10 @@ class _Made(NamedTuple):
 
 def _made(declared: Bench, scenario: Path, folder: Path, options: Mapping[str, Any], *, scan: bool) -> _Made:
     """Run a bench on the board of `scenario`, with options of a run, and judge it."""
-    from hil.loop.request import request_of
-    from hil.loop.worker import Order, untold, work
+    from hil.running.request import request_of
+    from hil.running.worker import Order, untold, work
 
-    place, truth_file = folder.parent, folder.with_name(f"{folder.name}-truth.arrow")
+    place, truth_file = folder.parent, _truth_beside(folder)
     asked: Any = {**options, "truth": truth_file}
     request = request_of(declared, asked, link=f"inproc:{scenario}")
     bench = request.bench
@@ -140,8 +142,8 @@ def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], note: str 
 
         save_result(run.result_path, summarise(run, outcome.get("counters", {})))
         return {}
-    from hil.loop.run import conclude
     from hil.records.result import load_result
+    from hil.running.run import conclude
 
     conclude(run.path, bench, outcome, link="inproc:", note=note, report=False, progress=lambda _: None)
     said = load_result(run.result_path)
@@ -232,6 +234,24 @@ def _bound(run: RunFolder, truth: Truth, bench: Bench, scenario: str) -> Row:
         "bound_pattern_rms_rad": found.pattern_rms,
         "bound_pattern_end_rad": found.pattern_end,
     }
+
+
+def _sheet(run: RunFolder, figures: Sequence[str]) -> Row:
+    """Those figures of a data sheet; none of a figure that the run does not tell."""
+    from hil.bench.data_sheet import BY_NAME
+    from hil.characterising.figures import figures_of
+    from hil.characterising.source import axes_of
+
+    try:
+        found = figures_of(axes_of(run.path, None, _truth_beside(run.path))).found
+    except InputError:
+        return {}
+    return {BY_NAME[name].key: found[name].value for name in figures if name in found}
+
+
+def _truth_beside(folder: Path) -> Path:
+    """Where the board of a run writes its truth."""
+    return folder.with_name(f"{folder.name}-truth.arrow")
 
 
 def _traced(run: RunFolder, bench: Bench, place: Path, options: Mapping[str, Any]) -> tuple[Row, Bench | None]:

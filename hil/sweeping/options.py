@@ -26,4 +26,12 @@ class LocalSweepOptions(SweepOptions, total=False):
         Called("out", "o"),
         Help("Folder of the results; if it has some already, the rest is added.  [default: runs/NAME]"),
     ]
+    arm: Annotated[bool, Help("Consent to arming the board of a campaign with [table] or [chamber].")]
+    baseline: Annotated[
+        Path | str | None,
+        Called("baseline"),
+        Help("Earlier results, a folder or a Parquet file: fail where a figure got worse beyond its interval."),
+    ]
+    junit: Annotated[Path | str | None, Called("junit"), Help("Write what the baseline showed as JUnit XML too.")]
+    replace: Annotated[bool, Help("Overwrite an existing file.")]
     scheduler: Annotated[str | None, Help("Make the runs on the Dask cluster of this scheduler, tcp://HOST:8786.")]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.numbers import count, percent, quantity, significant
+from hil.numbers import count, percent, quantity, significant, with_and
 from hil.records.atomic import write_text
 from hil.report import markup
 from hil.report.numbering import Figures
@@ -99,14 +99,10 @@ def _headline(
     others = len(table) - outcomes["ran"]
     said = f"{count(len(table))} runs are done"
     if found is not None and (clear := [one for one in found.keys if one.clear]):
-        said += f"; {found.figure} depends mostly on {_listed([one.keys[0] for one in clear[:3]])}"
+        said += f"; {found.figure} depends mostly on {with_and([one.keys[0] for one in clear[:3]])}"
     if others:
         return "open", "Complete", f"{said}; {count(others)} of them did not run to their end"
     return "good", "Complete", said
-
-
-def _listed(words: list[str]) -> str:
-    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _key_figures(

@@ -13,8 +13,8 @@ from hil.bench import Bench, examples, load_bench, make_way
 from hil.bench.toml import toml_key, toml_value
 from hil.errors import InputError
 from hil.errors.strict_toml import parse_table, read_table, suggestion
-from hil.loop.options import OF_THE_LOOP, RunOptions
 from hil.options import chosen
+from hil.running.options import OF_THE_LOOP, RunOptions
 from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.keys import Table, parts_of, plain, put, value_at
@@ -119,9 +119,16 @@ class Plan:
         tables = {"scenario": plain(self.scenario), "bench": plain(self.bench)}
         for one in self.campaign.vary:
             for name in one.keys:
-                _put(tables, name, plain(planned.values[one.column]), self.source)
+                if name not in self.campaign.targets.values():
+                    _put(tables, name, plain(planned.values[one.column]), self.source)
         tables["bench"]["loop"] |= {"seed": planned.seed, "name": f"{self._called}-{planned.run}"}
         return tables["scenario"], tables["bench"]
+
+    def targets(self, planned: Planned) -> dict[str, float]:
+        """What a run asks of table and chamber, by name."""
+        values = {key: planned.values[one.column] for one in self.campaign.vary for key in one.keys}
+        values |= self.campaign.fixed
+        return {name: float(values[key]) for name, key in self.campaign.targets.items()}
 
     @property
     def _called(self) -> str:
@@ -155,6 +162,8 @@ class Plan:
         """Have the emulator read the first run's scenario: a key that it does not know is told before anything is
         made.  Raises InputError with it.
         """
+        if self.campaign.instruments:
+            return
         import tempfile
 
         from hil.wire.inproc import open_inproc
@@ -191,16 +200,20 @@ def plan_of(campaign: Campaign, source: str, *, called: str | None = None, besid
     Raises InputError with the key: files that are not there, keys that a bench does not have or that take another
     kind of value, runs that are too many.
     """
-    scenario_file = examples.find("scenario", campaign.scenario, beside=beside)
-    scenario = plain(read_table(scenario_file))
-    rate = scenario.get("rate")
-    if isinstance(rate, dict) and isinstance(rate.get("path"), str):
-        rate["path"] = str((scenario_file.parent / rate["path"]).resolve())
+    scenario: Table = {}
+    if campaign.scenario is not None:
+        scenario_file = examples.find("scenario", campaign.scenario, beside=beside)
+        scenario = plain(read_table(scenario_file))
+        rate = scenario.get("rate")
+        if isinstance(rate, dict) and isinstance(rate.get("path"), str):
+            rate["path"] = str((scenario_file.parent / rate["path"]).resolve())
     bench = plain(load_bench(examples.find("bench", campaign.bench, beside=beside)).model_dump())
     tables = {"scenario": scenario, "bench": bench}
     asked = {f"bench.loop.{key}": value for key, value in campaign.run if key in OF_THE_LOOP and value is not None}
-    for name, value in {**campaign.fixed, **asked, **_LOCKSTEP}.items():
-        _put(tables, name, plain(value), f"{source}: [fixed]")
+    lockstep = {} if campaign.instruments else _LOCKSTEP
+    for name, value in {**campaign.fixed, **asked, **lockstep}.items():
+        if name not in campaign.targets.values():
+            _put(tables, name, plain(value), f"{source}: [fixed]")
     plan = Plan(campaign, source, called or source, scenario, bench)
     _check_columns(plan)
     _check(plan)
@@ -237,7 +250,8 @@ def _check(plan: Plan) -> None:
             there = f"{plan.source}: [[vary]] {place + 1} {one.column} = {value!r}: the bench"
             tables = {"scenario": plain(plan.scenario), "bench": plain(plan.bench)}
             for name in one.keys:
-                _put(tables, name, value, f"{plan.source}: [[vary]] {place + 1}")
+                if name not in plan.campaign.targets.values():
+                    _put(tables, name, value, f"{plan.source}: [[vary]] {place + 1}")
             parse_table(tables["bench"], Bench, there)
     plan.bench_of(first)
 

@@ -4,16 +4,22 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from hil.bench.examples import find
 from hil.errors import InputError
 from hil.errors.arguments import path_of, require
 from hil.errors.strict_toml import parse_table
 from hil.options import chosen
+from hil.records.kind import fresh
 from hil.records.listing import RUNS
+from hil.sweeping.baseline import read_baseline
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.options import LocalSweepOptions, SweepOptions
 from hil.sweeping.plan import Plan, plan_of, read_plan
+
+if TYPE_CHECKING:
+    import pyarrow
 
 AnyCampaign = Campaign | Mapping[str, object] | Path | str
 
@@ -26,6 +32,9 @@ class CampaignRequest:
     folder: Path
     workers: int | None = None
     scheduler: str | None = None
+    arm: bool = False
+    baseline: "pyarrow.Table | None" = None
+    junit: Path | None = None
 
 
 def request_of(campaign: AnyCampaign, options: SweepOptions, *, called: str | None = None) -> CampaignRequest:
@@ -44,4 +53,11 @@ def request_of(campaign: AnyCampaign, options: SweepOptions, *, called: str | No
     if workers is not None and scheduler is not None:
         raise InputError("--workers: belongs to this machine; a cluster has its own, leave one out")
     folder = RUNS / plan.campaign.name if given["out"] is None else path_of("out", given["out"])
-    return CampaignRequest(plan, folder, workers, scheduler)
+    baseline, junit = given["baseline"], given["junit"]
+    if junit is not None and baseline is None:
+        raise InputError("--junit: tells what a baseline showed; give --baseline too, or leave it out")
+    return CampaignRequest(
+        plan, folder, workers, scheduler, bool(given["arm"]),
+        None if baseline is None else read_baseline(path_of("baseline", baseline), plan.campaign),
+        None if junit is None else fresh(path_of("junit", junit), replace=given["replace"]),
+    )  # fmt: skip

@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -10,6 +11,7 @@ from hil.errors import InputError
 from hil.progress import Progress, Watcher
 from hil.sweeping import cluster, local
 from hil.sweeping.kept import Kept
+from hil.sweeping.plan import Plan
 from hil.sweeping.tasks import Done, Tasks
 
 _PACE = 200
@@ -31,10 +33,16 @@ class Swept(NamedTuple):
 
 
 def sweep(
-    plan: Tasks, folder: Path, *, workers: int | None = None, scheduler: str | None = None, progress: Watcher
+    plan: Tasks,
+    folder: Path,
+    *,
+    workers: int | None = None,
+    scheduler: str | None = None,
+    arm: bool = False,
+    progress: Watcher,
 ) -> Swept:
     """Make the runs that `folder` lacks, on `workers` processors of this machine (default all), or on the Dask cluster
-    of `scheduler`.
+    of `scheduler`; those with a table or a chamber one after the other on one board, which `arm` permits.
 
     Raises InputError, with every run kept that was done by then; Stopped on Ctrl-C, likewise.
     """
@@ -56,7 +64,8 @@ def sweep(
         try:
             if there == 0:
                 plan.require_sound()
-            for done in _done(kept, plan, workers, scheduler, say) if there < total else ():
+            made_by = partial(_on_the_bench, arm=arm) if _has_instruments(plan) else _done
+            for done in made_by(kept, plan, workers, scheduler, say) if there < total else ():
                 if kept.add(done):
                     made += 1
                     progress(Progress("runs", there + made, total, left_s=pace.left_s()))
@@ -74,6 +83,21 @@ def _done(kept: Kept, plan: Tasks, workers: int | None, scheduler: str | None, s
     return cluster.carry_out_all(
         lambda: (plan.task(number) for number in list(kept.to_do())), plan.program, scheduler, say
     )
+
+
+def _has_instruments(plan: Tasks) -> bool:
+    return isinstance(plan, Plan) and bool(plan.campaign.instruments)
+
+
+def _on_the_bench(
+    kept: Kept, plan: Tasks, workers: int | None, scheduler: str | None, _: "cluster.Say", *, arm: bool
+) -> Iterator[Done]:
+    from hil.sweeping.on_the_bench import carry_out_all
+
+    assert isinstance(plan, Plan)
+    if scheduler is not None or (workers or 1) > 1:
+        raise InputError("--workers: one board with its table or chamber makes one run at a time; leave it out")
+    return carry_out_all(plan, list(kept.to_do()), kept.folder, arm=arm)
 
 
 class _Pace:

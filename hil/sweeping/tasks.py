@@ -14,7 +14,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Task:
-    """A run as it is handed to whoever carries it out: plain text, the same on every machine.
+    """A run as it is handed to a worker: plain text, the same on every machine.
 
     carrier: the module that knows how, with what a `Carrier` has; what: for its eyes, as JSON has it; scratch: a folder
     for what is being made.

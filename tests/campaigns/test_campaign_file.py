@@ -16,7 +16,6 @@ from hil.bench import examples
 from hil.errors import InputError
 from hil.sweeping.keys import plain, put, value_at
 from hil.sweeping.plan import read_plan, toml_of
-from hil.sweeping.text import json_schema, reference
 from tests.campaigns.small import plan, small
 
 DOCS = Path(__file__).parents[2] / "docs" / "reference"
@@ -77,11 +76,8 @@ def test_positions_beyond_a_list_and_what_is_no_number_are_told() -> None:
 
 
 @pytest.mark.moderate
-def test_the_published_schema_is_the_programs_and_takes_the_examples() -> None:
-    assert (DOCS / "campaign.schema.json").read_text() == json_schema()
-    page = (DOCS / "campaigns.md").read_text()
-    assert page == reference(page)
-    validator = jsonschema.Draft202012Validator(json.loads(json_schema()))
+def test_the_published_schema_takes_the_examples() -> None:
+    validator = jsonschema.Draft202012Validator(json.loads((DOCS / "campaign.schema.json").read_text()))
     files = sorted(examples.directory().glob("*.campaign.toml"))
     assert len(files) >= 3
     for file in files:
