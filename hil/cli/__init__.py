@@ -9,12 +9,14 @@ import json
 import os
 import sys
 import warnings
+from contextlib import nullcontext
 from typing import Any, NoReturn
 
 from hil.errors import InputError, printable, refusal_of
 from hil.errors.ending import ending_of
 from hil.errors.exit_codes import ExitCode
 from hil.errors.interruption import take_signals
+from hil.running.worker_process import started_ahead
 
 _RENAMED = {("trace", "--force"): "--missing-force", ("trace", "--no-force"): "--no-missing-force"}
 _BARE = {"trace", "import", "export", "show", "ls", "check", "diff", "init"}
@@ -29,13 +31,19 @@ def main() -> None:
     # each product of matrices only wait for those.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     warnings.formatwarning = lambda message, *_, **__: f"hil: {printable(str(message))}\n"
-    code = execute(sys.argv[1:])
+    with started_ahead() if _runs(sys.argv[1:]) else nullcontext():
+        code = execute(sys.argv[1:])
     if code == ExitCode.INTERRUPTED:  # to take all modules and compiled code apart would take a second more
         atexit._run_exitfuncs()
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
     sys.exit(code)
+
+
+def _runs(arguments: list[str]) -> bool:
+    """Whether a run is asked for, whose loop nobody looks into: its process loads beside all that is loaded here."""
+    return arguments[:1] == ["run"] and len(arguments) > 1 and not {"--live", "-h", "--help"} & set(arguments)
 
 
 def _leave() -> NoReturn:

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 
+from hil.cli.characterise import characterise
 from hil.cli.check import check
 from hil.cli.compare import compare
 from hil.cli.demo import demo
@@ -12,6 +13,7 @@ from hil.cli.doctor import doctor
 from hil.cli.emulate import emulate
 from hil.cli.export import export
 from hil.cli.generate import generate
+from hil.cli.identify import identify
 from hil.cli.import_ import import_
 from hil.cli.init import init
 from hil.cli.key import key
@@ -54,8 +56,8 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 VERBS = (
-    demo, run, record, emulate, doctor, init, replay, trace, score, compare, sweep, ls, show, diff, check, import_,
-    export, generate, key, serve, top,
+    demo, run, record, emulate, doctor, init, identify, replay, trace, score, characterise, compare, sweep, ls, show,
+    diff, check, import_, export, generate, key, serve, top,
 )  # fmt: skip
 for verb in VERBS:
     app.command(verb.__name__.rstrip("_"))(verb)

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
     from hil.comparing.methods import Compared
     from hil.records.diagnosis import Diagnosis
 
+_COLUMNS = 100
+"""Of a terminal in which the tables fit."""
 TruthFile = Annotated[
     Path | None,
     typer.Option("--truth", help="File the emulated board of the record wrote; for errors and for the bound."),
@@ -34,7 +36,6 @@ Traced = Annotated[
 Trace = Annotated[
     bool, typer.Option("--trace", help="Trace the record first; the 13-state observer then includes the effect found.")
 ]
-_WIDTH = 400  # the table is not cut where nobody says how wide the terminal is
 
 
 def compare(
@@ -113,30 +114,20 @@ def _finish(done: "Compared", record: Path, *, as_json: bool) -> None:
 
 
 def _print(done: "Compared", record: Path) -> None:
-    from rich.console import Console
-    from rich.table import Table
-    from rich.text import Text
-
-    from hil.errors import printable
-    from hil.report.methods import HEAD, cells, headline
+    from hil.cli.paper import Paper
+    from hil.report.methods import SHORT, headline, sheet_rows, short_cells
     from hil.verdict.next_step import after_comparison
 
-    found = done.methods
-    console = Console(highlight=False, soft_wrap=True, width=_WIDTH)
-    table = Table(box=None, pad_edge=False, header_style="dim")
-    rows = [cells(row) for row in found.rows]
-    # What a method says of itself is left to the page and to --json.
-    told = [column for column, heading in enumerate(HEAD) if not heading.startswith("U")]
-    shown = [column for column in told if any(row[column] for row in rows)]
-    for column in shown:
-        table.add_column(HEAD[column], justify="left" if column in (0, len(HEAD) - 1) else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*(Text(printable(row[column])) for column in shown))
-    console.print(table)
-    console.print()
+    found, paper = done.methods, Paper()
+    paper.table(SHORT, list(map(short_cells, found.rows)), right=range(1, len(SHORT)), fit=_COLUMNS)
+    paper.say()
+    head, sheet = sheet_rows(found, short=True)
+    if sheet:
+        paper.table(head, sheet, right=range(1, len(head)), fit=_COLUMNS)
+        paper.say()
     for remark in found.remarks:
-        console.print(printable(remark), markup=False)
+        paper.say(remark)
     _, word, sentence = headline(found)
-    console.print(printable(f"{word}  {sentence}"), markup=False)
-    console.print(printable(f"{done.folder}"), markup=False)
-    console.print(printable(f"next  {after_comparison(done.folder, found, record=record)}"), markup=False)
+    paper.say(f"{word}  {sentence}")
+    paper.say(str(done.folder))
+    paper.say(f"next  {after_comparison(done.folder, found, record=record)}")

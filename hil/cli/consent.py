@@ -17,13 +17,21 @@ def require(link: str, bench: "Bench", *, given: bool) -> None:
     """Return when arming is allowed: ``given`` by --arm or by a yes at the terminal; else `InputError`."""
     if given:
         return
-    if not _at_terminal():
-        raise InputError(f"{link}: arming a board needs --arm (--dry-run looks without arming)")
-    from hil.loop.drives import drives
+    from hil.running.drives import drives
 
+    what = "\n".join(f"  {name:<20} {value}" for name, value in drives(bench, link)[1:])
+    require_words(link, what, given=given, otherwise=" (--dry-run looks without arming)")
+
+
+def require_words(link: str, what: str, *, given: bool, otherwise: str = "") -> None:
+    """The same, with the words for what would drive the board, and for what the verb can do unarmed."""
+    if given:
+        return
+    if not _at_terminal():
+        raise InputError(f"{link}: arming a board needs --arm{otherwise}")
     print(printable(f"{link} will be armed, and driven with:"), file=sys.stderr)
-    for name, value in drives(bench, link)[1:]:
-        print(printable(f"  {name:<20} {value}"), file=sys.stderr)
+    for line in what.splitlines():
+        print(printable(line), file=sys.stderr)
     print("Arm it? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise InputError(f"{link}: not armed, since the answer was no")

@@ -10,8 +10,6 @@ import hil
 from hil.cli.options import Json
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from hil.comparing.diff import Comparison, Figure
 
 First = Annotated[
@@ -46,42 +44,21 @@ def diff(a: First, b: Second, json: Json = False) -> None:
 
 
 def _print(found: "Comparison") -> None:
-    from rich.console import Console
+    from hil.cli.paper import Paper
 
-    from hil.errors import printable
-
-    console = Console(highlight=False, soft_wrap=True)
+    paper = Paper()
     for letter, place, verdict in (("A", found.a, found.verdict_a), ("B", found.b, found.verdict_b)):
-        console.print(printable(f"{letter}  {place}  {verdict or 'no verdict'}"), markup=False)
+        paper.say(f"{letter}  {place}  {verdict or 'no verdict'}")
     if found.same_record:
-        console.print("one record: an uncertainty is the most it can be")
-    console.print()
-    console.print(_figures(found))
-    console.print()
-    if not found.bench:
-        console.print("bench files: the same")
-        return
-    console.print("bench files")
+        paper.say("one record: an uncertainty is the most it can be")
+    paper.say()
+    figures = map(_readable, found.figures)
+    rows = [(one.name, *_cells(one), one.unit, "apart" if one.apart else "") for one in figures]
+    paper.table(("", "A", "B", "B − A", "", ""), rows, right=(1, 2, 3))
+    paper.say()
+    paper.say("bench files" if found.bench else "bench files: the same")
     for key in found.bench:
-        told = f"  {key.name}: {_value(key.a)} → {_value(key.b)}"
-        console.print(printable(told), markup=False)
-
-
-def _figures(found: "Comparison") -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
-    from hil.errors import printable
-
-    table = Table("", box=None, pad_edge=False, header_style="dim")
-    for heading in ("A", "B", "B − A"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
-    table.add_column("", style="yellow")
-    for one in map(_readable, found.figures):
-        unit = Text(printable(one.unit))
-        table.add_row(Text(printable(one.name)), *_cells(one), unit, "apart" if one.apart else "")
-    return table
+        paper.say(f"  {key.name}: {_value(key.a)} → {_value(key.b)}")
 
 
 def _readable(one: "Figure") -> "Figure":

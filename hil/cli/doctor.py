@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hil.cli.options import Json
-from hil.errors import printable
 
 DoctorLink = Annotated[
     str | None, typer.Option("--link", "-l", help="Check and measure this link too; no real board is armed.")
@@ -61,24 +60,19 @@ def print_holds(rows: "list[tuple[str, str, str]]") -> None:
     """The table of what this machine holds on a link; nothing where that was not measured."""
     if not rows:
         return
-    from rich.console import Console
-    from rich.table import Table
+    from hil.cli.paper import Paper
 
-    table = Table("this machine holds", "with", "", box=None, pad_edge=False, header_style="dim")
-    for mode, setting, most in rows:
-        table.add_row(f"{mode} mode", setting, most)
-    console = Console(highlight=False, soft_wrap=True)
-    console.print()
-    console.print(table)
+    paper = Paper()
+    paper.say()
+    paper.table(("this machine holds", "with", ""), [(f"{mode} mode", setting, most) for mode, setting, most in rows])
 
 
 def _print(findings: "list[Finding]") -> None:
-    from rich.console import Console
+    from hil.cli.paper import Paper
 
-    console = Console(highlight=False, soft_wrap=True)
+    paper = Paper()
     for finding in findings:
-        style = _STYLES[finding.state]
-        console.print(f"[{style}]{finding.state:<8}[/{style}]", end="")
-        console.print(printable(f"{finding.subject:<24}{finding.told}"), markup=False)
+        paper.say(f"{finding.state:<8}", style=_STYLES[finding.state], end="")
+        paper.say(f"{finding.subject:<24}{finding.told}")
         if finding.remedy:
-            console.print(printable(f"{'':<32}{finding.remedy}"), markup=False)
+            paper.say(f"{'':<32}{finding.remedy}")

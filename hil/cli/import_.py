@@ -26,6 +26,7 @@ def import_(source: Source, json: Json = False, **options: Unpack[LocalImportOpt
       hil import ride.csv
       hil import SNLS80mV.csv.gz --map silverbox -o silverbox.arrow
       hil import DATA_EMPS.mat --map emps
+      hil import drive.blf --dbc car.dbc --reference rate_z       a log of CAN frames; also candump, ASC, MF4
     """
     from hil.cli.show import print_json, say
     from hil.records.capture import missing
@@ -47,7 +48,7 @@ def import_(source: Source, json: Json = False, **options: Unpack[LocalImportOpt
         }
         print_json({**figures, "tick_rate_Hz": capture.tick_rate_Hz, "segments": capture.segments})
     else:
-        axes = "one axis" if capture.axes == 1 else "two axes"
+        axes = ("rates", "one axis", "two axes")[capture.axes]
         gone = f"; {missing(capture.lost, capture.gaps)}" if capture.lost else ""
         say(
             f"{target}: {len(capture)} samples of {imported.of_rows} rows at {capture.tick_rate_Hz:g} Hz, {axes}, "

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 from hil.errors import printable
-from hil.progress import Progress, Watcher
+from hil.progress import Progress, Watcher, alarm
 
 
 @contextmanager
@@ -34,7 +34,7 @@ class _StageLines:
 
     def __call__(self, progress: Progress) -> None:
         if progress.alarm:
-            print(printable(f"hil: UNSAFE: {progress.alarm}"), file=sys.stderr, flush=True)
+            alarm(progress.alarm)
             return
         if progress.note.startswith("waiting") and not self._note:
             self._note = progress.note

@@ -7,26 +7,29 @@ import typer
 import hil
 from hil.cli.derived import with_options
 from hil.cli.options import RUNS, Json, Out
-from hil.sensors.options import RecordOptions
+from hil.sensors.options import LocalRecordOptions
 
-PortLink = Annotated[str, typer.Argument(metavar="LINK", help="NAME:PATH[?baud=N], NAME being an adapter.")]
+_LINK = "NAME:PLACE[?baud=N], NAME being serial, can, replay, iio or a sensor's."
+PortLink = Annotated[str, typer.Argument(metavar="LINK", help=_LINK)]
 
 
-@with_options(RecordOptions)
-def record(link: PortLink, out: Out = RUNS, json: Json = False, **options: Unpack[RecordOptions]) -> None:
+@with_options(LocalRecordOptions)
+def record(link: PortLink, out: Out = RUNS, json: Json = False, **options: Unpack[LocalRecordOptions]) -> None:
     """Record a sensor that outputs rates and has no drive, and check the record.
 
     The verdict counts checksum errors, gaps in the sensor's own counter, its status bits and its latency. report.html
-    has the rates and, with its Allan deviation, the noise of each axis: let the sensor stand still for that. Adapters
-    for framings are entry points of the group hil.boards; stim300 (Sensonor, rate-only datagram) comes with the bench.
+    has the rates and, with its Allan deviation, the noise of each axis: let the sensor stand still for that. serial,
+    can and replay find out which sensor speaks; docs/reference/gyros.md has the known ones, others are entry points of
+    the group hil.boards, or on CAN a DBC.
 
     Examples:
 
     \b
-      hil record stim300:/dev/ttyUSB0 --duration 60
+      hil record serial:/dev/ttyUSB0 --duration 60
+      hil record can:can0 --dbc my_gyro.dbc
       hil record "stim300:/dev/ttyUSB0?baud=1843200" --note "on the rate table"
       hil record stim300:/dev/ttyUSB0 --duration 7200 --name still          long enough for the bias instability
-      python -m device_emulator.stim300             an emulated one; prints where it can be reached
+      python -m device_emulator.gyros xsens         an emulated one; prints where it can be reached
     """
     from hil.cli.progress import watching
     from hil.cli.show import finish, say

@@ -13,10 +13,10 @@ from typing import Any
 from hil.boards.emulation import shown
 from hil.cli.derived import as_words
 from hil.errors import InputError
-from hil.loop.options import FileOptions, LocalRunOptions, RunOptions
-from hil.loop.request import RunRequest
 from hil.options import chosen
 from hil.progress import Progress, Watcher
+from hil.running.options import FileOptions, LocalRunOptions, RunOptions
+from hil.running.request import RunRequest
 
 _END_S = 120.0
 
@@ -35,7 +35,7 @@ def run_live(request: RunRequest, options: LocalRunOptions, out: Path, progress:
         connect(said["links"]["administer"]) as service,
     ):
         print(f"live: {said['links']['administer']}", file=sys.stderr, flush=True)
-        _show(said["links"]["administer"])
+        show_page(said["links"]["administer"])
         with service.board("hil run --live") as board:
             board.connect(shown(request.link))  # as a request names it: scenarios by name
             try:
@@ -73,11 +73,16 @@ def _served(out: Path, link: str, more: list[str]) -> Iterator[dict[str, Any]]:
         yield json.loads(line)
     finally:
         process.send_signal(signal.SIGTERM)
-        process.wait(_END_S)
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+            print("hil: the service did not end, and was ended; its board's log is in .service", file=sys.stderr)
         process.stdout.close()
 
 
-def _show(url: str) -> None:
+def show_page(url: str) -> None:
     """Open the page where there is a screen."""
     if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
         import webbrowser

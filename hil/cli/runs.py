@@ -25,7 +25,7 @@ Place = Annotated[
 
 
 def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: Replace = False) -> None:
-    """List the runs and traces of a folder, oldest first, with their verdicts.
+    """List the runs, traces, data sheets, identifications and attitudes of a folder, oldest first, with verdicts.
 
     A failed verdict is followed by the parts that failed, and by the reason. Other verbs accept a name from this list,
     or the beginning of a name: `hil show NAME`.
@@ -72,10 +72,17 @@ def show(run: Place, json: Json = False) -> None:
         from hil.records.diagnosis import load_diagnosis
 
         finish_trace(folder, load_diagnosis(folder / "diagnosis.json"), as_json=json)
-    from hil.cli.show import finish
+    from hil.cli.show import finish, finish_attitude
     from hil.errors import InputError
+    from hil.records.kind import kind_of
+    from hil.records.listing import listed_kind
     from hil.records.runfolder import RunFolder
 
+    if (folder / "attitude.json").exists():
+        finish_attitude(folder, as_json=json)
+    kind = listed_kind(folder)
+    if kind in ("sheet", "identify"):
+        raise InputError(f"{folder}: is {kind_of(folder)}; open {folder / 'report.html'}, or list it with hil ls")
     if not RunFolder.open(folder).result_path.exists():
         raise InputError(f"{folder}: no result.json; `hil replay {folder}` works its figures out")
     finish(folder, as_json=json)
@@ -126,7 +133,7 @@ def _print(found: list["Listed"], folder: Path) -> None:
     rows = [(str(one.path) if folder != RUNS else one.path.name, one.kind, _verdict(one), _told(one)) for one in found]
     names, verdicts = (max((len(row[column]) for row in rows), default=0) for column in (0, 2))
     for name, kind, verdict, told in rows:
-        print(printable(f"{name:<{names}}  {kind:<5}  {verdict:<{verdicts}}  {told}".rstrip()))
+        print(printable(f"{name:<{names}}  {kind:<8}  {verdict:<{verdicts}}  {told}".rstrip()))
 
 
 def _verdict(one: "Listed") -> str:
@@ -137,11 +144,11 @@ def _verdict(one: "Listed") -> str:
 
 
 def _told(one: "Listed") -> str:
-    """How long a run was, what a trace named, and the first reason of a verdict against it."""
+    """How long a run was, what a trace named, and the beginning of the first reason of a verdict against it."""
     from hil.records.junit import PASSED
 
     if one.unreadable:
         return one.unreadable
     length = ", ".join(one.named) or ("" if one.seconds is None else f"{one.seconds:.4g} s")
-    why = one.reasons[0] if one.reasons and one.verdict not in PASSED else ""
+    why = one.reasons[0].partition(";")[0] if one.reasons and one.verdict not in PASSED else ""
     return "  ".join(filter(None, (length, why)))

@@ -7,7 +7,7 @@ import typer
 
 from hil.cli.derived import with_options
 from hil.cli.options import RUNS, Json
-from hil.loop.options import FileOptions
+from hil.running.options import FileOptions
 
 Folder = Annotated[Path, typer.Option("--folder", "--out", "-o", help="Folder in which the run folders are.")]
 Port = Annotated[int, typer.Option("--port", "-p", min=0, max=65535, help="Port; 0 for any that is free.")]

@@ -4,20 +4,18 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
+from hil.cli.paper import Paper
 from hil.errors import printable, printable_json
 from hil.errors.exit_codes import ExitCode
 from hil.errors.faults import is_fault
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from hil.bench import Bench
     from hil.demo import Circle, Single
     from hil.records.result import Result
@@ -60,25 +58,49 @@ def finish(folder: Path, *, as_json: bool, good: bool | None = None) -> NoReturn
     raise typer.Exit(ExitCode.GOOD if is_good else ExitCode.AGAINST)
 
 
+def finish_attitude(folder: Path, *, as_json: bool) -> NoReturn:
+    """Print what several gyros came to and leave: exit code 0 where all is good."""
+    from hil.numbers import in_both, quantity, significant
+    from hil.records.attitude import load_attitude_result
+
+    result = load_attitude_result(folder)
+    if as_json:
+        print(printable_json((folder / "attitude.json").read_text(encoding="utf-8")), end="")
+    else:
+        print(printable(folder.name))
+        for one in result.axes:
+            angle = "" if one.angle_rad is None else in_both(one.angle_rad, "rad")
+            print(printable(f"  {one.name}  {one.verdict or 'no verdict':<12} {angle:<28} {one.run}"))
+        if result.quaternion is not None and result.u_rad is not None and result.coning_rad is not None:
+            print(f"quaternion  {', '.join(significant(part, 6) for part in result.quaternion)}")
+            print(f"            ± {in_both(2.0 * result.u_rad, 'rad')} (k = 2)")
+            print(f"coning      {quantity(result.coning_rad, 'rad')}")
+        elif result.without:
+            print(printable(f"no attitude: {result.without}"))
+        if (stop := result.stop) is not None:
+            safe = ", ".join(
+                f"{name} after {quantity(after, 's')}" for name, after in sorted(stop.safe_after_s.items())
+            )
+            print(printable(f"stopped by {stop.by}; SAFE: {safe}"))
+        print(f"verdict     {result.verdict}")
+        print(printable(f"report      {folder / 'report.html'}"))
+    raise typer.Exit(ExitCode.GOOD if result.verdict == "good" else ExitCode.AGAINST)
+
+
 def print_claims(shown: "Circle | Single") -> None:
     """What an emulated board was started with and why, and what the demonstration was to show."""
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
+    paper = Paper()
     for words in shown.told:
-        console.print(printable(f"machine    {words}"), markup=False)
+        paper.say(f"machine    {words}")
     for claim in shown.claims:
         style, word = ("green", "shown") if claim.held else ("red", "not shown")
-        console.print(f"[{style}]{word:<11}[/{style}]", end="")
-        console.print(printable(claim.words), markup=False)
-    console.print()
+        paper.say(f"{word:<11}", style=style, end="")
+        paper.say(claim.words)
+    paper.say()
 
 
 def print_before_and_after(circle: "Circle") -> None:
     """What the trace of the first run found, and the figures of both runs beside each other."""
-    from rich.console import Console
-    from rich.table import Table
-
     from hil.cli.show_diagnosis import print_diagnosis
     from hil.records.diagnosis import load_diagnosis
     from hil.records.result import TOO_SLOW, load_result
@@ -91,24 +113,27 @@ def print_before_and_after(circle: "Circle") -> None:
     if circle.after is None:
         print("\nnothing to add to the model: no second run\n")
         return
-    table = Table("", "before", "after", box=None, pad_edge=False, header_style="dim")
     results = [load_result(RunFolder(run).result_path) for run in (circle.before, circle.after)]
     before, after = (dict(_figures(result)) for result in results)
-    for label in ("angle error, rms", "angle per rotation", "rate error, rms", "innovation, rms", _IN_TIME):
-        table.add_row(label, before.get(label, ""), after.get(label, ""))
-    print("\nthe loop without it and with it")
-    Console(highlight=False, soft_wrap=True).print(table)
+    print("\nthe loop without it and with it", flush=True)
+    labels = ("angle error, rms", "angle per rotation", "rate error, rms", "innovation, rms", _IN_TIME)
+    rows = [(label, before.get(label, ""), after.get(label, "")) for label in labels]
+    Paper().table(("", "before", "after"), rows)
     if not all(result.kept_up for result in results):
         print(textwrap.fill(f"{TOO_SLOW}; that part is told apart from the model's, below", 80))
     print()
 
 
-def show_identity(link: str, identity: Mapping[str, Any], bench: "Bench", *, as_json: bool) -> None:
-    """Who answered at ``link``, after a dry run in which bench file and board agreed, and what the bench comes to."""
+def show_identity(
+    link: str, identity: Mapping[str, Any], bench: "Bench", remarks: Sequence[str] = (), *, as_json: bool
+) -> None:
+    """Who answered at ``link``, after a dry run in which bench file and board agreed, and what the bench comes to; the
+    remarks are those on its plug-ins.
+    """
     from hil.wire.messages import version_of
 
     if as_json:
-        print_json({"link": link, "identity": identity, **echo_figures(bench, identity)})
+        print_json({"link": link, "identity": identity, **echo_figures(bench, identity), "remarks": list(remarks)})
         return
     print(f"{printable(link)} answers and agrees with the bench file; not armed")
     for name, value in identity.items():
@@ -116,6 +141,8 @@ def show_identity(link: str, identity: Mapping[str, Any], bench: "Bench", *, as_
         print(printable(f"  {name:<18}{shown}"))
     print("from the bench file")
     print_echo(bench, identity)
+    for remark in remarks:
+        print(printable(f"remark: {remark}"))
 
 
 def print_echo(bench: "Bench", identity: Mapping[str, Any] | None = None) -> None:
@@ -146,52 +173,53 @@ def echo_figures(bench: "Bench", identity: Mapping[str, Any] | None = None) -> d
 
 
 def _print_tables(result: "Result", report: Path) -> None:
-    from rich.console import Console
-
-    console = Console(highlight=False, soft_wrap=True)
+    paper = Paper()
     if result.verdict == "unsafe":
-        console.print(f"[{_VERDICT_STYLE['unsafe']}] UNSAFE [/] ", end="")
-        console.print(printable(result.alarm), markup=False, style="bold red")
-        console.print()
-    console.print(printable(result.run), style="bold", markup=False)
-    console.print()
+        paper.say(" UNSAFE ", style=_VERDICT_STYLE["unsafe"], end=" ")
+        paper.say(result.alarm, style="bold red")
+        paper.say()
+    paper.say(result.run, style="bold")
+    paper.say()
     for label, value in _figures(result):
-        console.print(printable(f"{label:<34}{value}"), markup=False)
+        paper.say(f"{label:<34}{value}")
     if result.parameters:
-        console.print()
-        console.print(_parameters(result))
-    console.print()
+        paper.say()
+        _print_parameters(paper, result)
+    paper.say()
     if result.verdict is not None:
-        _print_verdict(console, result)
+        _print_verdict(paper, result)
     for remark in result.remarks[:_REMARKS]:
-        console.print(printable(f"remark   {remark}"), markup=False)
+        paper.say(f"remark   {remark}")
     if (more := len(result.remarks) - _REMARKS) > 0:
-        console.print(f"remark   … and {more} more in result.json", markup=False)
+        paper.say(f"remark   … and {more} more in result.json")
     if report.exists():
-        console.print(printable(f"report   {report}"), markup=False)
+        paper.say(f"report   {report}")
     if result.next is not None:
-        console.print(printable(f"next     {result.next}"), markup=False)
+        paper.say(f"next     {result.next}")
 
 
-def _print_verdict(console: "Console", result: "Result") -> None:
+def _print_verdict(paper: Paper, result: "Result") -> None:
     """The verdict, why the run ended early, and each part: what it came to, why, what to do about it."""
     assert result.verdict is not None
     against = [name for name, part in result.parts.items() if part.against]
-    style = _MACHINE_STYLE if against == ["machine"] else _VERDICT_STYLE[result.verdict]
     named = f": {', '.join(against)}" if result.verdict == "failed" and against else ""
-    console.print(f"verdict  [{style}]{result.verdict}{named}[/]")
+    paper.say("verdict  ", end="")
+    paper.say(
+        f"{result.verdict}{named}", style=_MACHINE_STYLE if against == ["machine"] else _VERDICT_STYLE[result.verdict]
+    )
     told = [part.reason for part in result.parts.values()]
     for reason in result.reasons:
         if reason not in told:
-            console.print(printable(f"         {reason}"), markup=False)
+            paper.say(f"         {reason}")
     for name, part in result.parts.items():
         if part.outcome == "unknown" and not part.reason:
             continue
         colour = _MACHINE_STYLE if name == "machine" and part.against else _OUTCOME_STYLE.get(part.outcome, "red")
-        console.print(f"         {name:<9}[{colour}]{part.outcome:<9}[/]", end="")
-        console.print(printable(part.beside_outcome), markup=False)
+        paper.say(f"         {name:<9}", end="")
+        paper.say(f"{part.outcome:<9}", style=colour, end="")
+        paper.say(part.beside_outcome)
         if part.next is not None and part.next != result.next:
-            console.print(printable(f"{'':<27}next: {part.next}"), markup=False)
+            paper.say(f"{'':<27}next: {part.next}")
 
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
@@ -221,8 +249,14 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "this machine holds", result.holds.line
     if result.board_clock is not None:
         yield "board's clock", result.board_clock.line
+    if result.reference is not None:
+        yield "beside the reference", result.reference.line
     if result.load is not None:
         yield "host's loop, recorder", f"{percent(result.load.loop, 0)}, {percent(result.load.recorder, 0)} of a core"
+    for one in result.algorithm:
+        limit = "" if one.limit is None else f", limit {significant(one.limit, 4)} {one.unit}"
+        value = "not known" if one.value is None else f"{significant(one.value, 4)} {one.unit}".removesuffix(" 1")
+        yield one.name, f"{value}{limit}"
     if result.bare_turnaround_us is not None:
         yield "the same of a bare read and write", result.bare_turnaround_us.line
     if (sensor := result.sensor) is not None:
@@ -257,11 +291,15 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
 
 def _angle(result: "Result") -> Iterator[tuple[str, str]]:
     """The angle at the end of the scored window with its uncertainty, and the source's own beside it."""
-    if (angle := result.angle) is None or (u := result.angle_expanded_rad) is None:
-        return
     from hil.numbers import in_both, plus_minus, prefix_for, quantity
     from hil.verdict.budget import largest_source
 
+    if (angle := result.angle) is None:
+        return
+    if (u := result.angle_expanded_rad) is None:
+        yield "angle since scoring starts", f"{in_both(angle.rad, 'rad', 5)}, uncertainty not given"
+        yield "by", angle.why
+        return
     factor, prefix = prefix_for(max(abs(angle.rad), u), 0)
     told = f"{plus_minus(angle.rad * factor, u * factor)} {prefix}rad"
     degrees = plus_minus(math.degrees(angle.rad), math.degrees(u))
@@ -276,22 +314,19 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
         yield "turn caused by drive forces, rms", f"{imperfection} (already subtracted)"
 
 
-def _parameters(result: "Result") -> "Table":
-    from rich.table import Table
-    from rich.text import Text
-
+def _print_parameters(paper: Paper, result: "Result") -> None:
     from hil.numbers import plus_minus, unit_for
 
-    table = Table("parameter", box=None, pad_edge=False, header_style="dim")
-    scored = any(parameter.truth is not None for parameter in result.parameters.values())
-    for heading in ("estimate", "95 % interval", "", *(("truth",) if scored else ())):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    rows = []
     for name, parameter in result.parameters.items():
-        low, high = parameter.ci95
-        factor, unit = unit_for(max(abs(parameter.value), high - low), parameter.unit)
-        value, half = factor * parameter.value, factor * (high - low) / 2.0
-        numbers = (parameter.value, low, high, *((parameter.truth,) if scored else ()))
-        cells = ("–" if one is None else plus_minus(value, half, beside=factor * one) for one in numbers)
-        table.add_row(Text(printable(name)), *cells, Text(printable(unit)))
-    return table
+        half = parameter.half or 0.0
+        factor, unit = unit_for(max(abs(parameter.value), 2.0 * half), parameter.unit)
+        numbers = (parameter.value, *(parameter.ci95 or ()), parameter.truth)
+        value, *ends, truth = (
+            "–" if one is None else plus_minus(factor * parameter.value, factor * half, beside=factor * one)
+            for one in numbers
+        )
+        rows.append((name, value, *(ends or ("not given", "")), truth, unit))
+    if all(parameter.truth is None for parameter in result.parameters.values()):
+        rows = [(*cells, "", unit) for *cells, _, unit in rows]
+    paper.table(("parameter", "estimate", "95 % interval", "", "truth", ""), rows, right=range(1, 5))

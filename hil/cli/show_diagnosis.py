@@ -1,6 +1,6 @@
 """What a trace came to, on standard output: one JSON object, or words and tables to read at a glance."""
 
-from functools import partial
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
@@ -10,9 +10,6 @@ from hil.errors import printable, printable_json
 from hil.errors.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
-
     from hil.records.diagnosis import Diagnosis, Finding, Separation
 
 _STYLE = {"adequate": "green", "explained": "green", "partly explained": "yellow", "unexplained": "red"}
@@ -49,16 +46,14 @@ def finish(
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:
     """Verdict, how probable, residual, effects, before and after, what cannot be told apart, what was ruled out."""
-    from rich.console import Console
-
+    from hil.cli.paper import Paper
     from hil.numbers import quantity
     from hil.report.diagnosis.equations import plain
     from hil.report.diagnosis.force_table import force_terms
-    from hil.report.diagnosis.tables import dependence, estimate, floor_from, left_with, probable
+    from hil.report.diagnosis.tables import dependence, estimate, fit_rows, floor_from, left_with, probable
 
-    console = Console(highlight=False, soft_wrap=True)
-    style = _STYLE[diagnosis.verdict]
-    say = partial(_say, console)
+    paper, style = Paper(), _STYLE[diagnosis.verdict]
+    say = paper.say
     say(diagnosis.record, style="bold", end="  ")
     say(diagnosis.verdict, style=style)
     for reason in (*diagnosis.prepared, *diagnosis.reasons, *diagnosis.undetermined):
@@ -66,7 +61,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     for shares in diagnosis.probabilities:
         say(f"  {probable(shares)}")
     for effect in diagnosis.effects:
-        console.print()
+        say()
         acts = "acts like: " if diagnosis.verdict == "partly explained" else ""
         say(f"{acts}{effect.title}", style="bold", end="  ")
         say(f"[effects.{effect.name}]")
@@ -76,9 +71,9 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             say(f"  {symbol} = {estimate(found)}, 95 %")
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
-        say(f"  {effect.undone}{rest}")
+        say(f"  {effect.compensation}{rest}")
     if (best := diagnosis.unconfirmed) is not None:
-        console.print()
+        say()
         say(f"not confirmed: {', '.join(effect.name for effect in best.effects)}", style="bold", end="  ")
         say(left_with(best))
         for failed in best.failed:
@@ -87,36 +82,37 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
             for symbol, found in effect.coefficients.items():
                 say(f"  {symbol} = {estimate(found)}, 95 %")
     if diagnosis.base:
-        console.print()
+        say()
         say("straight line V0 + S Ω, as fitted", style="bold")
         for symbol, found in diagnosis.base.items():
             say(f"  {symbol} = {estimate(found)}, 95 %")
     for goes in diagnosis.dependences:
-        console.print()
+        say()
         say(f"{goes.name} depends on {goes.covariate}", style="bold")
         say(f"  {dependence(goes)}")
-    console.print()
-    console.print(_fits(diagnosis))
+    say()
+    head, fits = fit_rows(diagnosis)
+    paper.table(head, fits, right=range(1, len(head)))
     if floor := floor_from(diagnosis).strip():
         say(floor)
     if diagnosis.angle_moved_rad is not None:
         whose = "it" if len(diagnosis.effects) == 1 else "what brings the residual down"
         moved = quantity(diagnosis.angle_moved_rad, "rad")
-        console.print()
+        say()
         say(f"including {whose} in the model moves the angle by {moved} at most")
     if diagnosis.share is not None and diagnosis.verdict == "partly explained":
-        console.print()
+        say()
         say(f"accounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
     if diagnosis.missing_force is not None:
-        console.print()
+        say()
         say(diagnosis.missing_force.text)
         for line in force_terms(diagnosis.missing_force):
             say(f"  {line}")
-    _say_findings(console, "the residual that is left", diagnosis.left, diagnosis.sense_unit)
+    _say_findings(say, "the residual that is left", diagnosis.left, diagnosis.sense_unit)
     heading = "the residual without it" if diagnosis.effects else "the residual"
-    _say_findings(console, heading, diagnosis.findings, diagnosis.sense_unit)
+    _say_findings(say, heading, diagnosis.findings, diagnosis.sense_unit)
     for group in diagnosis.ambiguity_groups:
-        console.print()
+        say()
         say(f"ambiguity group of this record: {', '.join(group)}")
     for pair in diagnosis.separations:
         alike = "" if pair.correlation is None else f" (correlation of their signatures {pair.correlation:.5f})"
@@ -125,7 +121,8 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         hangs = "" if apart is None else f"; the angle moves by {quantity(apart, 'rad')} at most if it is that"
         say(f"  {pair.effect} from {pair.with_}{alike}{hangs}; {told}")
     if diagnosis.rejected:
-        console.print("\nruled out")
+        say()
+        say("ruled out")
         for one in diagnosis.rejected[:_REJECTED]:
             say(f"  {one.name}: {one.reason}")
         if len(diagnosis.rejected) > _REJECTED:
@@ -140,31 +137,12 @@ def told_apart(pair: "Separation") -> str:
     return f"to separate them: {pair.separate_by}{lasting}"
 
 
-def _say_findings(console: "Console", heading: str, findings: "tuple[Finding, ...]", unit: str) -> None:
+def _say_findings(say: Callable[[str], None], heading: str, findings: "tuple[Finding, ...]", unit: str) -> None:
     from hil.numbers import sensed
 
     if findings:
-        console.print()
-        _say(console, heading)
+        say("")
+        say(heading)
     for finding in findings[:_FINDINGS]:
         size = "" if finding.size_V is None else f"{sensed(finding.size_V, unit):>9}  "
-        _say(console, f"  {size}{finding.text}")
-
-
-def _say(console: "Console", text: str, *, style: str | None = None, end: str = "\n") -> None:
-    """Words that may come from a file, as they are."""
-    console.print(printable(text), style=style, end=end, markup=False)
-
-
-def _fits(diagnosis: "Diagnosis") -> "Table":
-    from rich.table import Table
-
-    from hil.report.diagnosis.tables import fit_rows
-
-    (first, *headings), rows = fit_rows(diagnosis)
-    table = Table(first, box=None, pad_edge=False, header_style="dim")
-    for heading in headings:
-        table.add_column(heading, justify="right")
-    for row in rows:
-        table.add_row(*row)
-    return table
+        say(f"  {size}{finding.text}")

@@ -40,7 +40,8 @@ def sweep(
     Each run is an emulated board and the host in lockstep, scored with the board's truth. The campaign file says what
     differs from run to run (docs/reference/campaigns.md). The rows are Parquet files in OUT/results. After Ctrl-C or
     a kill, the same command continues and makes no run twice. OUT/report.html shows what the error depends on, and
-    the worst runs. Exit code 1: some runs ended early; 3: one of them by a fault of the program.
+    the worst runs. Exit code 1: some runs ended early; with --baseline: a figure got worse beyond its interval, or
+    fewer runs reach their end; 3: a fault of the program ended one.
 
     Examples:
 
@@ -50,6 +51,7 @@ def sweep(
       hil sweep s-slow-noise --only 7
       hil sweep my.campaign.toml --workers 2 --out runs/mine
       hil sweep my.campaign.toml --scheduler tcp://head:8786
+      hil sweep my.campaign.toml --baseline main/results --junit gate.xml
     """
     from hil.sweeping.request import request_of
 
@@ -139,10 +141,11 @@ def _finish(plan: "Plan", found: "Sweep", *, as_json: bool) -> NoReturn:
     if as_json:
         print_json(told)
     else:
-        _print(told)
+        _print(told, [one.line for one in found.worse])
     if any(map(is_fault, found.table["reason"].to_pylist())):
         raise typer.Exit(ExitCode.FAULT)
-    raise typer.Exit(ExitCode.GOOD if told["outcomes"].get("ran", 0) == told["runs"] else ExitCode.AGAINST)
+    whole = told["outcomes"].get("ran", 0) == told["runs"] or told["baseline"] is not None
+    raise typer.Exit(ExitCode.GOOD if whole and not found.worse else ExitCode.AGAINST)
 
 
 def summary(plan: "Plan", found: "Sweep") -> dict[str, Any]:
@@ -173,13 +176,14 @@ def summary(plan: "Plan", found: "Sweep") -> dict[str, Any]:
         "nees": None
         if honesty is None
         else {"mean": honesty.nees, "band": honesty.nees_band, "runs": honesty.runs, "held": honesty.held},
+        "baseline": [one._asdict() for one in found.changes] or None,
         "worst": [
             {"run": one.run, "outcome": one.outcome, "value": one.value, "command": one.command} for one in found.worst
         ],
     }
 
 
-def _print(told: dict[str, Any]) -> None:
+def _print(told: dict[str, Any], lines: list[str]) -> None:
     from hil.errors import printable
     from hil.numbers import percent
 
@@ -197,6 +201,10 @@ def _print(told: dict[str, Any]) -> None:
     if (honesty := told["nees"]) is not None:
         low, high = honesty["band"]
         print(f"\nNEES per entry at the end: {honesty['mean']:.4f}, band {low:.4f} … {high:.4f}", end="")
+    if (baseline := told["baseline"]) is not None:
+        print(f"\n\nbeside the baseline, {len(baseline)} comparisons", end="")
+        for line in lines:
+            print(printable(f"\n  worse  {line}"), end="")
     print("\n\nworst")
     for one in told["worst"][:5]:
         value = "–" if one["value"] is None else f"{one['value']:.4g}"

@@ -136,7 +136,7 @@ def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
     written, unwritten = ([], []) if missing is None else add_form(source, target, missing, diagnosis.record)
     memory = f"; {', '.join(unwritten)} has a memory, which [effects.custom] cannot express" if unwritten else ""
     if written:
-        named = ", ".join(f"[effects.custom.{name}]" for name in written)
+        named = ", ".join(f"[effects.{'custom.' * name.startswith('form_')}{name}]" for name in written)
         say(f"{target}: written; no effect explains the missing force, so the file declares its form: {named}{memory}")
     else:
         zero = missing is not None and missing.form and not unwritten

@@ -12,7 +12,7 @@ from hil.doctor import ports
 from hil.doctor.capacity import Capacity, capacity, holds, rounded
 from hil.doctor.finding import Finding
 from hil.errors import InputError
-from hil.loop import line_workers
+from hil.running import line_workers
 from hil.wire.errors import WireError
 from hil.wire.link_name import CanInterface, SerialPort, parse_link
 from hil.wire.messages import Capabilities
@@ -47,6 +47,12 @@ def judge(link: str, probed: dict[str, Any], held: Capacity) -> Iterator[Finding
     identity, trip, nap = probed["identity"], probed["round_trip_us"], probed["wake_up_us"]
     rate, able = float(identity["tick_rate_Hz"]), Capabilities(identity["capabilities"])
     yield Finding("link", "good", f"board {identity['unique_id']:016x} answers; it samples at {rate:g} Hz")
+    if outputs := [
+        f"{one['name']} {one['lowest'] * one['scale_V']:.4g} to {one['highest'] * one['scale_V']:.4g} V, settles in "
+        f"{1e3 * one['settling_s']:.3g} ms"
+        for one in probed.get("trims", ())
+    ]:
+        yield Finding("trim outputs", "good", "; ".join(outputs))
     for refused in probed["refused"]:
         yield Finding("this measurement", "missing", refused)
     yield Finding(

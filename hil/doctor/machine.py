@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from hil.doctor.finding import Finding
-from hil.loop import line_workers
+from hil.running import line_workers
 
 AWAKE = Path("/dev/cpu_dma_latency")
 _LIMITS = "/etc/security/limits.d/gyrohil.conf"
@@ -36,7 +36,7 @@ def carriers() -> Finding:
     if line_workers.permitted():
         return Finding("kernel's line workers", "good", "a run over a serial port or a pty puts them ahead")
     told = "they carry a serial line's bytes at ordinary priority: other programs make answers late"
-    remedy = f"sudo {sys.executable} -m hil.loop.line_workers, in a terminal of its own while runs last"
+    remedy = f"sudo {sys.executable} -m hil.running.line_workers, in a terminal of its own while runs last"
     return Finding("kernel's line workers", "missing", told, remedy)
 
 

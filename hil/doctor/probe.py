@@ -16,7 +16,7 @@ import numpy as np
 
 from hil.errors.ending import ending_of
 from hil.errors.exit_codes import ExitCode
-from hil.loop import realtime
+from hil.running import realtime
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import WireError
@@ -42,6 +42,8 @@ def probe(url: str, *, stream: bool) -> dict[str, Any]:
     endpoint = Endpoint(open_link(url))
     try:
         identity = client.connect(endpoint)
+        from hil.running.trim_outputs import read_outputs
+
         stream = stream and Capabilities.PACED in Capabilities(identity.capabilities)
         if stream:
             client.write_register(endpoint, "CLOCK_MODE", ClockMode.PACED)
@@ -52,6 +54,7 @@ def probe(url: str, *, stream: bool) -> dict[str, Any]:
         busy_s = time.process_time() - begun_s
         return {
             "identity": identity._asdict(),
+            "trims": [told._asdict() for told in read_outputs(endpoint, identity, 2.0)],
             "round_trip_us": percentiles(trips),
             "busy_us": 1e6 * busy_s / len(trips),
             "wake_up_us": percentiles(wake_ups()),

@@ -44,7 +44,7 @@ def interrupt(number: int, frame: FrameType | None, leave: Callable[[], NoReturn
         leave()
 
     def again(_signal: int, _frame: FrameType | None) -> None:
-        signal.raise_signal(number)  # to whoever handles it by then
+        signal.raise_signal(number)  # to the handler of by then
 
     signal.signal(signal.SIGALRM, again)
     signal.setitimer(signal.ITIMER_REAL, _AGAIN_S)

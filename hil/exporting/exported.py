@@ -11,10 +11,10 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.importing.read_back import HEADER, header_of, not_carried
 from hil.records.blocks import scan_blocks
-from hil.records.capture import Capture, RowFlag, read_capture
+from hil.records.capture import COMPONENTS, Capture, RowFlag, read_capture
 from hil.records.estimates import read_estimates
 from hil.records.innovation import read_innovation
-from hil.records.rates import rates_rad_s
+from hil.records.rates import beside_rates, rates_rad_s
 from hil.records.units import unit_of
 
 What = Literal["capture", "estimates", "angle", "rate", "board_estimates", "innovation", "force"]
@@ -60,10 +60,13 @@ def channels(capture: Capture) -> Columns:
     axes = "xy"[: capture.axes]
     columns: Columns = {"t_s": capture.t_s}
     suffix = "V" if capture.sense_unit == "V" else "sensed"  # in the sensor's own unit, which its header says
-    columns |= {f"v{axis}_{suffix}": capture.sense_V[:, index] for index, axis in enumerate(axes)}
+    parts = ("",) if capture.carrier_Hz is None else COMPONENTS
+    named = [f"{axis}_{part}" for part in parts for axis in axes]
+    columns |= {f"v{name}{suffix}": capture.sense_V[:, index] for index, name in enumerate(named)}
     if capture.has_drive:
-        columns |= {f"u{axis}_{capture.drive_unit}": capture.drive[:, index] for index, axis in enumerate(axes)}
+        columns |= {f"u{name}{capture.drive_unit}": capture.drive[:, index] for index, name in enumerate(named)}
     columns |= {f"rate_{axis}_rad_s": values for axis, values in rates_rad_s(capture).items()}
+    columns |= beside_rates(capture)
     for name, values in (("rate_rad_s", capture.rate_rad_s), ("temp_C", capture.temp_C)):
         if values is not None:
             columns[name] = values

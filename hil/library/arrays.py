@@ -7,6 +7,7 @@ from typing import Any, Protocol
 import numpy.typing as npt
 
 from hil.importing.array_source import ArraySource
+from hil.importing.demodulated import carrier_of
 from hil.importing.importer import import_from, require_keys_act
 from hil.importing.mapping import read_map
 from hil.importing.record_time import Remedies
@@ -58,9 +59,11 @@ def write_capture(
     hold: Hold | None = None,
     nonuniform: bool = False,
     map_file: Path | None = None,
+    demodulated: str | None = None,
 ) -> None:
     """Write the capture of `columns`, (n,) each, by the map at `map_file`, or by their names in an interchange CSV:
     t_s, vx_V, vy_V, ux_mps2 and uy_mps2 (or _V, _N), and optionally rate_rad_s and temp_C; a single axis leaves out y.
+    demodulated: as `hil import --demodulated`.
 
     Time may be datetime64, timedelta64 or ISO 8601 text too, and is even unless `nonuniform`.  Raises InputError that
     names the column.
@@ -69,4 +72,7 @@ def write_capture(
     if mapping is not None:
         require_keys_act(mapping, ArraySource.kind, CALLED, map_file)
     source = ArraySource(columns, CALLED)
-    import_from(source, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform, remedies=_REMEDIES)
+    import_from(
+        source, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform, remedies=_REMEDIES,
+        carrier=carrier_of(demodulated),
+    )  # fmt: skip

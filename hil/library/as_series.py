@@ -21,7 +21,8 @@ def of_capture(capture: Capture, run: str) -> Series:
 
     columns = channels(capture)
     units = {name: capture.sense_unit if name.endswith("_sensed") else unit_of(name) for name in columns}
-    return Series(columns.pop("t_s"), columns, units, {"run": run, "hold": capture.hold})
+    carrier = {} if capture.carrier_Hz is None else {"demodulated": str(capture.carrier_Hz)}
+    return Series(columns.pop("t_s"), columns, units, {"run": run, "hold": capture.hold, **carrier})
 
 
 def of_estimates(estimates: Estimates, run: str) -> Series:

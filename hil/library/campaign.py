@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING
 
 from hil.errors import InputError
 from hil.progress import Watcher
+from hil.records.atomic import write_text
 from hil.sweeping.plan import Plan
 
 if TYPE_CHECKING:
     import pandas
     import pyarrow
 
+    from hil.sweeping.baseline import Change
     from hil.sweeping.dependence import Dependence
     from hil.sweeping.request import CampaignRequest
     from hil.sweeping.worst import Worst
@@ -22,9 +24,11 @@ class Sweep:
 
     Attributes:
         made, seconds: how many of its runs were made just now, and in how long.
+        changes: what became of each figure since the baseline that was given; none without one.
     """
 
     def __init__(self, plan: Plan, folder: Path, made: int = 0, seconds: float = 0.0) -> None:
+        self.changes: list[Change] = []
         self._plan = plan
         self._folder = folder
         self.made, self.seconds = made, seconds
@@ -59,6 +63,11 @@ class Sweep:
         """Which keys the figure of [report] depends on; None where nothing is varied or nothing differs."""
         return self.dependence_of(self._plan.campaign.report.figure)
 
+    @property
+    def worse(self) -> "list[Change]":
+        """The figures that got worse beyond their intervals."""
+        return [one for one in self.changes if one.worse]
+
     def dependence_of(self, figure: str) -> "Dependence | None":
         """The same of another column of numbers.  Raises InputError where there is none of that name."""
         from hil.errors.strict_toml import suggestion
@@ -88,8 +97,20 @@ def carried_out(request: "CampaignRequest", progress: Watcher) -> Sweep:
     from hil.sweeping.sweep import sweep
 
     done = sweep(
-        request.plan, request.folder, workers=request.workers, scheduler=request.scheduler, progress=progress
+        request.plan,
+        request.folder,
+        workers=request.workers,
+        scheduler=request.scheduler,
+        arm=request.arm,
+        progress=progress,
     )  # fmt: skip
     if done.made:
         (request.folder / "report.html").unlink(missing_ok=True)
-    return Sweep(request.plan, request.folder, done.made, done.seconds)
+    swept = Sweep(request.plan, request.folder, done.made, done.seconds)
+    if request.baseline is not None:
+        from hil.sweeping.baseline import as_junit, changes
+
+        swept.changes = changes(swept.table, request.baseline, request.plan.campaign)
+        if request.junit is not None:
+            write_text(request.junit, as_junit(swept.changes, request.plan.campaign.name))
+    return swept

@@ -74,7 +74,7 @@ class Run:
     def report(self) -> Path:
         """The page of the run, report.html; written where it is missing."""
         if not self._folder.report_path.exists():
-            from hil.report import write_report
+            from hil.report.page import write_report
 
             write_report(self.path)
         return self._folder.report_path

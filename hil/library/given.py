@@ -77,9 +77,13 @@ def _captured(record: Record, given: Mapping[str, Any]) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix=PASSING) as place:
         capture = Path(place) / "arrays.arrow"
-        own: Any = record.header.get("hold", given["hold"]) if isinstance(record, Series) else given["hold"]
+        own, told = (
+            record.header.get(name, given[name]) if isinstance(record, Series) else given[name]
+            for name in ("hold", "demodulated")
+        )  # fmt: skip
         write_capture(
-            columns, capture, hold=own, nonuniform=given["nonuniform"], map_file=map_of(given["mapping"])
+            columns, capture, hold=own, nonuniform=given["nonuniform"], map_file=map_of(given["mapping"]),
+            demodulated=told,
         )  # fmt: skip
         try:
             yield capture

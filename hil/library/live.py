@@ -1,7 +1,7 @@
 """A run that is looked at while it lasts: blocks of its record, as arrays, as they are written.
 
 The loop runs in its own process and records as ever; a thread of this process follows it, and blocks are read from the
-files.  So whoever looks, however slowly, holds nothing up.  Every way out ends the run well: the board is brought to
+files.  So a slow reader holds nothing up.  Every way out ends the run well: the board is brought to
 SAFE and has to confirm it, and the record is closed.
 """
 
@@ -23,13 +23,13 @@ from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates,
 from hil.library.finished_run import Run
 from hil.library.series import Series
 from hil.library.words import in_arguments_of
-from hil.loop.request import RunRequest
 from hil.progress import Watcher
 from hil.records.blocks import Columns, GrowingFile, rows_of
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
 
 _LOOK_S = 0.05  # between two looks at the files
 _KINDS = ("capture", "estimates", "innovation")
@@ -177,7 +177,7 @@ class _Following:
             interrupt()
 
     def _follow(self) -> None:
-        from hil.loop.run import Interrupted, run
+        from hil.running.run import Interrupted, run
 
         try:
             with in_arguments_of(self._opened_by):

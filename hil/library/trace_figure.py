@@ -1,14 +1,13 @@
 """A trace in one figure, for a notebook; the report has more."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hil.records.diagnosis import Diagnosis
+from hil.report.diagnosis.evidence import bars_of, draw_bars
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
-_MOST = 10
 
 
 def trace_figure(diagnosis: Diagnosis) -> "Figure":
@@ -19,7 +18,8 @@ def trace_figure(diagnosis: Diagnosis) -> "Figure":
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")
     level, evidence = figure.subplots(1, 2, width_ratios=(1, 2))
     _draw_level(level, diagnosis)
-    _draw_evidence(evidence, diagnosis)
+    if bars := bars_of(diagnosis):
+        draw_bars(evidence, bars)
     figure.suptitle(f"{diagnosis.record}: {diagnosis.verdict}")
     return figure
 
@@ -32,27 +32,3 @@ def _draw_level(ax: "Axes", diagnosis: Diagnosis) -> None:
     ax.axhline(1.0, color="black", linewidth=0.8)
     ax.set_yscale("log")
     ax.set_ylabel("innovation over its floor, held out")
-
-
-def _draw_evidence(ax: "Axes", diagnosis: Diagnosis) -> None:
-    """What a model gained that carries it is no promise of a scan: those are hatched."""
-    groups: tuple[tuple[str, list[tuple[str, float | None]], dict[str, Any]], ...] = (
-        ("named", [(effect.name, effect.evidence) for effect in diagnosis.effects], {"color": "tab:blue"}),
-        ("fitted, not named", [(one.name, one.gain) for one in diagnosis.rejected], {"color": "tab:gray"}),
-        (
-            "promised by the scan",
-            [(one.name, one.evidence) for one in diagnosis.rejected if one.gain is None],
-            {"facecolor": "none", "edgecolor": "tab:gray", "hatch": "/////"},
-        ),
-    )
-    known = [(name, value, at) for at, (_, ones, _) in enumerate(groups) for name, value in ones if value and value > 0]
-    shown = known[:_MOST][::-1]
-    for at, (label, _, look) in enumerate(groups):
-        ours = [(row, name, value) for row, (name, value, group) in enumerate(shown) if group == at]
-        if ours:
-            ax.barh([row for row, _, _ in ours], [value for *_, value in ours], label=label, **look)
-    ax.set_yticks(range(len(shown)), [name for name, _, _ in shown])
-    if shown:
-        ax.set_xscale("log")
-        ax.legend(fontsize="small")
-    ax.set_xlabel("twice the gain of log-likelihood")

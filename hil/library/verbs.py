@@ -5,7 +5,6 @@ folder or a capture, or as arrays by the names of an interchange CSV.  Whatever 
 one line that names the place and the remedy.
 """
 
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Unpack, cast, get_type_hints
@@ -13,10 +12,13 @@ from typing import TYPE_CHECKING, Any, Unpack, cast, get_type_hints
 from hil.bench import Bench
 from hil.bench import load_bench as bench_at
 from hil.bench.examples import bench_file
+from hil.characterising.options import LocalCharacteriseOptions
 from hil.comparing.diff import Comparison
-from hil.errors import InputError, printable
+from hil.errors import InputError
 from hil.errors.arguments import names_of, path_of, require
+from hil.identifying.options import LocalIdentifyOptions
 from hil.importing.options import ImportOptions, LocalImportOptions
+from hil.library.attitude_run import AttitudeRun
 from hil.library.campaign import Sweep
 from hil.library.finished_run import Run
 from hil.library.given import AnyBench, Record, Records, bench_for, captured, observed_bench_for
@@ -26,26 +28,23 @@ from hil.library.loading import load_trace
 from hil.library.places import folder_of
 from hil.library.tracing import Trace
 from hil.library.words import in_arguments_of, renamed, said_of_arguments
-from hil.loop.options import LocalRunOptions
-from hil.loop.request import request_of, require_consent
-from hil.progress import Progress, Watcher
+from hil.progress import Watcher, alarms_only
 from hil.records.listing import RUNS
 from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder
 from hil.replaying.options import ReplayOptions
-from hil.sensors.options import RecordOptions
+from hil.running.options import LocalRunOptions
+from hil.running.request import request_of, require_consent
+from hil.running.worker_process import started_ahead
+from hil.sensors.options import LocalRecordOptions
 from hil.sweeping.options import LocalSweepOptions
 from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
+    from hil.identifying.identify import Identified
     from hil.importing.importer import Imported
+    from hil.library.sheets import Sheet, SheetRecord
     from hil.sweeping.request import AnyCampaign
-
-
-def alarms_only(progress: Progress) -> None:
-    """What nobody may miss goes to standard error, the rest nowhere."""
-    if progress.alarm:
-        print(printable(f"hil: UNSAFE: {progress.alarm}"), file=sys.stderr, flush=True)
 
 
 @said_of_arguments
@@ -57,9 +56,10 @@ def load_bench(name: Path | str) -> Bench:
 @said_of_arguments
 @takes(LocalRunOptions)
 def run(
-    bench: Bench | Path | str,
+    bench: Bench | Path | str | Sequence[Bench | Path | str],
     *,
-    link: str | None = None,
+    link: str | Sequence[str] | None = None,
+    mount: Path | str | None = None,
     arm: bool = False,
     out: Path | str = RUNS,
     progress: Watcher = alarms_only,
@@ -71,12 +71,35 @@ def run(
     something that moves, and is armed with `arm=True` only.
     The run is recorded below `out`.  Raises InputError or WireError where no run could begin, Interrupted after Ctrl-C
     with SAFE sent and the record closed.
-    """
-    from hil.loop.run import run as run_loop
 
+    A list of up to three benches with `mount`, the file that says where their sensitive axes point, runs them at once,
+    with one stop for all, and gives an `AttitudeRun`; `link` is then a list of as many.
+    """
+    if mount is not None or (isinstance(bench, Sequence) and not isinstance(bench, str)):
+        return _run_several(bench, link, mount, arm, out, progress, options)
+    if isinstance(link, Sequence) and not isinstance(link, str):
+        raise InputError("link: a list goes with a list of benches; give one text")
     request = request_of(bench, options, link=link)
     require_consent(request, given=arm)
-    return _run_at(run_loop(request, path_of("out", out), progress=_watcher(progress)).folder)
+    with started_ahead():
+        from hil.running.run import run as run_loop
+
+        return _run_at(run_loop(request, path_of("out", out), progress=_watcher(progress)).folder)
+
+
+def _run_several(
+    benches: Any, links: Any, mount: Any, arm: bool, out: Path | str, progress: Watcher, options: LocalRunOptions
+) -> AttitudeRun:
+    from hil.bench.mount import load_mount
+    from hil.running.several import requests_of, run_several
+
+    if mount is None:
+        raise InputError("mount: missing; several gyros need the file that says where their sensitive axes point")
+    requests = requests_of(benches, links, options)
+    for request in requests:
+        require_consent(request, given=arm)
+    declared = load_mount(path_of("mount", mount))
+    return AttitudeRun(run_several(requests, declared, path_of("out", out), progress=_watcher(progress)))
 
 
 @said_of_arguments
@@ -91,7 +114,7 @@ def dry_run(
     """Connect to a board, write its registers and read them back, compare it with the bench; nothing is armed, nothing
     recorded.  Returns its IDENTITY, by field.  As `run`, which see.
     """
-    from hil.loop.run import run as run_loop
+    from hil.running.run import run as run_loop
 
     request = request_of(bench, options, link=link, dry_run=True)
     return run_loop(request, RUNS, progress=_watcher(progress)).identity
@@ -117,14 +140,14 @@ def open_live(
 
 
 @said_of_arguments
-@takes(RecordOptions)
+@takes(LocalRecordOptions)
 def record(
-    link: str, *, out: Path | str = RUNS, progress: Watcher = alarms_only, **options: Unpack[RecordOptions]
+    link: str, *, out: Path | str = RUNS, progress: Watcher = alarms_only, **options: Unpack[LocalRecordOptions]
 ) -> Run:
     """Record a sensor that puts out rates and cannot be driven, and check the record; a new run below `out`.
 
-    link: `NAME:PATH[?baud=N]`, NAME being that of an adapter (`hil.boards`).  Raises InputError or WireError where
-    nothing was recorded; KeyboardInterrupt is passed on after the record is closed.
+    link: `NAME:PLACE[?baud=N]`, NAME being serial, can, replay or that of a sensor (`hil.boards`).  Raises InputError
+    or WireError where nothing was recorded; KeyboardInterrupt is passed on after the record is closed.
     """
     from hil.report.sensor import write_report
     from hil.sensors.record import record as record_port
@@ -132,6 +155,31 @@ def record(
 
     request = recording(link, options)
     return _run_at(record_port(request, path_of("out", out), progress=_watcher(progress), report=write_report))
+
+
+@said_of_arguments
+@takes(LocalIdentifyOptions)
+def identify(
+    link: str | None = None,
+    *,
+    bench: Path | str | None = None,
+    arm: bool = False,
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+    **options: Unpack[LocalIdentifyOptions],
+) -> "Identified":
+    """Find a board's constants by an experiment, and hold them against what it says of itself.
+
+    link: as of `run`, or None with `record`.  bench: the bench file to write; none is written where the board does not
+    do what it says (`.good`).  Records and page are in a new folder below `out`.  Raises as `run`, and InputError where
+    nothing moves.
+    """
+    from hil.identifying import request
+    from hil.identifying.identify import identify as carry_out
+
+    asked = request.request_of(link, None if bench is None else path_of("bench", bench), options)
+    request.require_consent(asked, given=arm)
+    return carry_out(asked, path_of("out", out), _watcher(progress))
 
 
 @said_of_arguments
@@ -239,9 +287,36 @@ def compare(
 
 
 @said_of_arguments
+@takes(LocalCharacteriseOptions)
+def characterise(
+    records: "SheetRecord | Sequence[SheetRecord]",
+    bench: AnyBench | None = None,
+    *,
+    out: Path | str = RUNS,
+    progress: Watcher = alarms_only,
+    **options: Unpack[LocalCharacteriseOptions],
+) -> "Sheet":
+    """The figures of a data sheet, with intervals, from records of one device: whole-angle runs, recorded sensors, or
+    imported captures with the bench file of their sensor; the answer is kept below `out`.
+
+    records: runs, paths, or the link of a sensor, which is recorded first.  bench: whose [limits] the figures are held
+    against; default that of the first run.
+    """
+    from hil.characterising.characterise import characterise as characterise_records
+    from hil.characterising.request import request_of as characterising
+    from hil.library.sheets import Sheet, recorded_at
+
+    place, watcher = path_of("out", out), _watcher(progress)
+    done = characterise_records(
+        characterising(recorded_at(records, place, options, watcher), bench, options), place, progress=watcher
+    )
+    return Sheet(done.folder, done.sheet, done.calibration)
+
+
+@said_of_arguments
 def score(run: Run | Path | str, truth: Path | str) -> Run:
     """Compare a run with the truth that its emulated board wrote; figures are in `.result` then, and on the page."""
-    from hil.report import write_report
+    from hil.report.page import write_report
     from hil.scoring.score import score as compare
 
     place, file = folder_of("run", run, "a Run or the path of its folder"), path_of("truth", truth)

@@ -13,7 +13,7 @@ from hil.wire.errors import WireError
 _Given = ParamSpec("_Given")
 _Answer = TypeVar("_Answer")
 _COMMAND = r"\bhil [a-z]+ [^;,)`]*"  # stays as it is: it is for a terminal
-_OPTION = re.compile(rf"{_COMMAND}|(?<!\S)--(?P<name>[a-z][a-z0-9]*(?:-[a-z0-9]+)*)\b(?P<place>(?=:))?")
+_OPTION = re.compile(rf"{_COMMAND}|(?<!\S)--(?P<name>[a-z][A-Za-z0-9]*(?:-[A-Za-z0-9]+)*)\b(?P<place>(?=:))?")
 
 
 def said_of_arguments(function: Callable[_Given, _Answer]) -> Callable[_Given, _Answer]:

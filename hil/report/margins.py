@@ -3,6 +3,7 @@
 Matplotlib's own layouts draw every label, twice, to find its box: most of what a report took.
 """
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,6 +22,7 @@ _POINT = 1.0 / 72.0
 _DIGIT = 0.64  # of the font's size: the width of a digit of DejaVu Sans, which few letters exceed
 _LINE = 1.25
 _PAD = 4.0 * _POINT
+_MARKED_UP = re.compile(r"\\\w+|[${}^]")  # what Matplotlib's markup for a power of ten adds to its digits
 _LEGEND = 1.9  # lines of a legend above a panel, its own padding with them
 
 
@@ -87,7 +89,8 @@ def _size(text: "Text") -> float:
 
 def _longest(axis: "Axis") -> int:
     """Letters of the longest number along an axis."""
-    return max((len(label.get_text()) for label in axis.get_ticklabels() if label.get_visible()), default=0)
+    texts = (label.get_text() for label in axis.get_ticklabels() if label.get_visible())
+    return max((len(_MARKED_UP.sub("", text)) for text in texts), default=0)
 
 
 def _label(axis: "Axis") -> float:

@@ -141,3 +141,9 @@ def _cells(row: Row, kinds: Mapping[int, str]) -> str:
 
 def _class(index: int, kinds: Mapping[int, str]) -> str:
     return f' class="{kinds[index]}"' if index in kinds else ""
+
+
+def sentence(text: str) -> str:
+    """Words as a sentence: a capital first, unless they begin with a name that has none, and a full stop."""
+    first = text.split(" ", 1)[0]
+    return (text if "_" in first else text[:1].upper() + text[1:]).rstrip(".") + "."

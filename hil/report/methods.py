@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from hil.bench.data_sheet import FIGURES, SheetFigure
 from hil.numbers import quantity, relative, significant
 from hil.records.atomic import write_text
 from hil.records.methods import MethodKind, MethodRow, Methods
@@ -25,6 +26,12 @@ HEAD = (
     "method", "angle error, rms", "U of the angle", "rate error, rms", "U of the rate", "stiffness error", "U",
     "damping error", "U", "settled", "diverged", "a sample", "remark",
 )  # fmt: skip
+SHORT = (
+    "method", "angle error\nmrad", "U, k = 2\nmrad", "rate error\nmrad/s", "k error\nppm", "d error\nppm",
+    "settled\ns", "diverged\ns", "a sample\nµs",
+)  # fmt: skip
+"""The same on a terminal of 100 columns, rms, the units in the head; U of rate, k and d are left to the page."""
+NOT_GIVEN = "not given"
 _COLOURS: dict[MethodKind, str] = {"observer": FIRST, "traced": FIRST, "prior art": SECOND, "bound": INK}
 _WINDOWS = 160
 _LABEL_IN = 0.125
@@ -59,6 +66,7 @@ def render(
     tone, word, sentence = headline(found)
     sections = [
         markup.section("methods", "Methods", numbered.add(lambda: angle_error_figure(found, lines)), table(found)),
+        markup.section("sheet", "Data sheet", _sheet(found)),
         markup.section("left-out", "What could not be compared", *map(markup.paragraph, found.remarks)),
         markup.section("columns", "Columns", *map(markup.paragraph, _COLUMNS)),
         markup.section("bench", "Bench file", markup.listing(bench_text) if bench_text else ""),
@@ -120,7 +128,7 @@ def cells(row: MethodRow) -> tuple[str, ...]:
     return (
         row.name,
         _shown(row.angle_error_rms_rad, "rad"),
-        _shown(row.angle_expanded_rad, "rad"),
+        _shown(row.angle_expanded_rad, "rad") or _unsaid(row),
         _shown(row.rate_error_rms_rad_s, "rad/s"),
         _shown(row.rate_expanded_rad_s, "rad/s"),
         _share(row.stiffness_error),
@@ -134,10 +142,54 @@ def cells(row: MethodRow) -> tuple[str, ...]:
     )
 
 
+def short_cells(row: MethodRow) -> tuple[str, ...]:
+    """A row as text, in the order of `SHORT`."""
+    figures = (
+        (row.angle_error_rms_rad, 1e3), (row.angle_expanded_rad, 1e3), (row.rate_error_rms_rad_s, 1e3),
+        (row.stiffness_error, 1e6), (row.damping_error, 1e6), (row.settled_s, 1.0), (row.diverged_s, 1.0),
+        (row.cost_us, 1.0),
+    )  # fmt: skip
+    angle, u, *rest = ("" if value is None else significant(factor * value) for value, factor in figures)
+    return row.name, angle, u or _unsaid(row), *rest
+
+
+def _unsaid(row: MethodRow) -> str:
+    """Of an observer that says no uncertainty of its angle; one that lost the device has none to say."""
+    return NOT_GIVEN if row.kind == "observer" and row.angle_rad is not None and row.diverged_s is None else ""
+
+
 def table(found: Methods) -> str:
     """All rows as HTML."""
     caption = "Every method on one record" + (f", errors against the {found.reference}" if found.reference else "")
     return markup.table(caption, HEAD, [cells(row) for row in found.rows], range(1, 12))
+
+
+def sheet_rows(found: Methods, *, short: bool = False) -> tuple[list[str], list[list[str]]]:
+    """Head and rows of the figures of a data sheet, in its units; no rows where no method has any.  short: by the
+    names that the field has for them, without what depends on the angle."""
+    figures = [figure for figure in FIGURES if any(figure.name in row.sheet for row in found.rows)]
+    if short:
+        figures = [figure for figure in figures if not figure.name.endswith("theta")]
+    titles = ((figure.short, "\n") if short else (figure.title, " / ") for figure in figures)
+    head = ["method", *(f"{name}{gap}({one.field.symbol})" for one, (name, gap) in zip(figures, titles, strict=True))]
+    rows = [
+        [row.name, *(_with_interval(figure, row.sheet.get(figure.name)) for figure in figures)]
+        for row in found.rows
+        if row.sheet
+    ]
+    return head, rows
+
+
+def _with_interval(figure: SheetFigure, told: tuple[float, float, float] | None) -> str:
+    if told is None:
+        return ""
+    value, low, high = (figure.shown(one) for one in told)
+    return f"{significant(value)} ± {significant(0.5 * (high - low), 2)}"
+
+
+def _sheet(found: Methods) -> str:
+    head, rows = sheet_rows(found)
+    return markup.table("Figures of a data sheet, 95 %", head, rows, range(1, len(head))) if rows else ""
 
 
 def angle_error_figure(found: Methods, lines: Sequence[Line]) -> Drawing | None:

@@ -1,26 +1,15 @@
 """Puts the page together and writes it."""
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from pathlib import Path
 
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
 from hil.report import markup, tables, uncertainty
+from hil.report.drawn import draw_figures
 from hil.report.facts import facts
-from hil.report.figures.angle import angle_figure
-from hil.report.figures.closing import closing_figure
-from hil.report.figures.drawing import Drawing
-from hil.report.figures.innovation import innovation_figure
-from hil.report.figures.parameters import parameters_figure
-from hil.report.figures.pattern import pattern_figure
-from hil.report.figures.prediction import prediction_figure
-from hil.report.figures.rate import rate_figure
-from hil.report.figures.signals import signals_figure
-from hil.report.figures.spectrum import innovation_spectrum_figure
-from hil.report.figures.timing import turnaround_figure
 from hil.report.material import Material
-from hil.report.numbering import Figures
 from hil.report.verdict import alarm, headline, key_figures, next_step, parts
 
 _ANGLES = "The reported angle φ is +∫Ω dt; the pattern turns the other way in the board's frame, θ = −φ + constant."
@@ -30,56 +19,67 @@ _INTERVALS = (
 )
 
 
-def write_report(run: Path, truth: Path | None = None, *, earlier: tuple[Path, Path] | None = None) -> Path:
+def write_report(
+    run: Path,
+    truth: Path | None = None,
+    *,
+    earlier: tuple[Path, Path] | None = None,
+    drawn: Mapping[str, str] | None = None,
+) -> Path:
     """Write `run/report.html`, whole or not at all, and return its path.
 
     `truth` is the emulator's truth file; only the score passes it on. Without it the record's own rate
-    channel is the reference, if it has one. `earlier` is a run without what its trace found, and its truth.
+    channel is the reference, if it has one. `earlier` is a run without what its trace found, and its truth; `drawn`
+    are figures of `draw_figures` that are there already.
     Figures whose records are missing are left out. Raises InputError for a folder without records or a record
     that is not one.
     """
     folder = RunFolder.open(run)
     before = None if earlier is None else Material(RunFolder.open(earlier[0]), read_truth(earlier[1]))
-    page = render(folder, None if truth is None else read_truth(truth), before)
+    page = render(folder, None if truth is None else read_truth(truth), before, drawn)
     write_text(folder.report_path, page)
     return folder.report_path
 
 
-def render(folder: RunFolder, truth: Truth | None = None, earlier: Material | None = None) -> str:
+def render(
+    folder: RunFolder,
+    truth: Truth | None = None,
+    earlier: Material | None = None,
+    drawn: Mapping[str, str] | None = None,
+) -> str:
     """The page as text."""
     material = Material(folder, truth, earlier)
-    numbered = Figures()
-
-    def drawn(draw: Callable[[Material], Drawing | None]) -> str:
-        return numbered.add(lambda: draw(material))
+    drawn = draw_figures(material) if drawn is None else drawn
 
     line = headline(material.result)
     sections = [
-        markup.section("closing", "What the residual told", _told(material), drawn(closing_figure)),
-        markup.section("angle", "Angle", drawn(angle_figure), uncertainty.section(material), tables.angle(material)),
-        markup.section("rate", "Rate", drawn(rate_figure)),
+        markup.section("closing", "What the residual told", _told(material), drawn["closing_figure"]),
+        markup.section("angle", "Angle", drawn["angle_figure"], uncertainty.section(material), tables.angle(material)),
+        markup.section("rate", "Rate", drawn["rate_figure"]),
         markup.section("on-the-board", "On the board", tables.on_board(material)),
         markup.section(
             "parameters",
             "Parameters",
             tables.parameters(material),
-            drawn(parameters_figure),
+            drawn["parameters_figure"],
+            drawn["trims_figure"],
             tables.coverage(material),
         ),
-        markup.section("vibration", "Vibration", drawn(pattern_figure), drawn(signals_figure)),
+        markup.section("vibration", "Vibration", drawn["pattern_figure"], drawn["signals_figure"]),
         markup.section(
             "innovation",
             "Innovation",
-            drawn(prediction_figure),
-            drawn(innovation_figure),
-            drawn(innovation_spectrum_figure),
+            drawn["prediction_figure"],
+            drawn["innovation_figure"],
+            drawn["innovation_spectrum_figure"],
         ),
         markup.section(
             "timing",
             "Timing and link",
-            drawn(turnaround_figure),
+            drawn["turnaround_figure"],
             tables.answers(material),
             tables.ledger(material),
+            tables.algorithm(material),
             tables.counters(material),
         ),
         markup.section("run", "Run", tables.provenance(material), _conventions(material)),

@@ -2,7 +2,7 @@
 
 from hil.errors import InputError
 from hil.numbers import count, in_both, percent, plus_minus, prefix_for, relative, significant
-from hil.records.result import Parameter
+from hil.records.result import Constant
 from hil.records.units import symbol_of
 from hil.report.markup import paragraph, table
 from hil.report.material import Material
@@ -143,6 +143,10 @@ def ledger(material: Material) -> str:
     if result.board_clock is not None:
         clock = result.board_clock
         parts.append(paragraph(f"Times are in {clock.time_base}. The board's clock: {clock.line}."))
+    if (beside := result.reference) is not None:
+        device = beside.link if beside.sensor is None else beside.sensor.device
+        counted = f"{beside.samples} samples, {beside.lost} missing; silent for {beside.silent_s:.2g} s at the longest"
+        parts.append(paragraph(f"Beside the reference, {device} ({counted}): {beside.line}. {beside.stopped}"))
     if result.ledger_us is not None:
         rows = [
             (name, *(significant(value) for value in times.values()), field.description or "")
@@ -160,6 +164,19 @@ def ledger(material: Material) -> str:
         ]
         parts.append(table("What the host needed of a processor, and lacked", ("", "share", ""), rows, (1,)))
     return "".join(parts)
+
+
+def algorithm(material: Material) -> str:
+    """What the algorithm tells of itself."""
+    rows = [
+        (
+            shown(told.name),
+            "not known" if told.value is None else f"{significant(told.value)} {shown_unit(told.unit)}".strip(),
+            "" if told.limit is None else f"{significant(told.limit)} {shown_unit(told.unit)}".strip(),
+        )
+        for told in material.result.algorithm
+    ]
+    return table("What the algorithm tells of itself", ("", "value", "limit"), rows, (1, 2)) if rows else ""
 
 
 def provenance(material: Material) -> str:
@@ -193,11 +210,11 @@ def device(material: Material) -> str:
     return table("The device as declared", ("", "value"), [(line.name, line.text) for line in derived(bench)])
 
 
-def _parameter_row(material: Material, symbol: str, entry: Parameter) -> tuple[str, ...]:
-    low, high = entry.ci95
+def _parameter_row(material: Material, symbol: str, entry: Constant) -> tuple[str, ...]:
     factor, prefix = prefix_for(entry.value) if entry.unit == "V" else (1.0, "")
-    value, half = entry.value * factor, (high - low) / 2 * factor
-    start = (shown(symbol), plus_minus(value, half), prefix + shown_unit(entry.unit))
+    value, half = entry.value * factor, (entry.half or 0.0) * factor
+    told = plus_minus(value, half) + (" ± not given" if entry.half is None else "")
+    start = (shown(symbol), told, prefix + shown_unit(entry.unit))
     reference = entry.truth if entry.truth is not None else _declared(material, symbol, entry.unit)
     if reference is None:  # as of a coefficient that no truth or bench file has by this name
         return *start, "–", "–", "–"
@@ -206,13 +223,13 @@ def _parameter_row(material: Material, symbol: str, entry: Parameter) -> tuple[s
         *start,
         plus_minus(value, half, beside=reference * factor),
         relative(deviation / abs(reference)) if reference else "–",
-        _inside(abs(deviation), (high - low) / 2),
+        _inside(abs(deviation), entry.half),
     )
 
 
-def _inside(deviation: float, half: float) -> str:
-    if half == 0:
-        return "no interval"
+def _inside(deviation: float, half: float | None) -> str:
+    if half is None:
+        return "not given"
     return "yes" if deviation <= half else f"no, {significant(deviation / half, 2)} × half"
 
 

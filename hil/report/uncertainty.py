@@ -9,6 +9,9 @@ from hil.report.material import Material
 def section(material: Material) -> str:
     """Angle ± U, the source's own angle beside it, and the table of what U is made of; nothing without an angle."""
     result = material.result
+    if result.angle is not None and result.angle_expanded_rad is None:
+        told = f"At the end of the scored window the angle is {_both(result.angle.rad)}, zero at its start, by "
+        return paragraph(f"{told}{result.angle.why}. Its uncertainty is not given.")
     if result.angle is None or result.angle_expanded_rad is None:
         open_loop = material.estimates is not None and material.estimates.header.get("angle") == "none"
         return paragraph(f"{result.parts['angle'].reason}.") if open_loop and "angle" in result.parts else ""

@@ -2,6 +2,7 @@
 
 import logging
 import sqlite3
+from pathlib import Path
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -41,6 +42,13 @@ class Problem(InputError):
         self.error, self.remedy = refusal(status, error, remedy)
 
 
+class Unknown(Problem):
+    """What is asked for by its name is not there; `what` is a run, a job, a device."""
+
+    def __init__(self, what: str, name: str) -> None:
+        super().__init__(404, f"no such {what}: {name}", f"GET /api/{what}s lists them")
+
+
 class ProblemBody(BaseModel):
     """The body of every refusal."""
 
@@ -75,6 +83,10 @@ def answer_problems(app: FastAPI) -> None:
         first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"])
         return problem_response(422, f"{place}: {first['msg']}", _ASK_RIGHTLY)
+
+    @app.exception_handler(FileNotFoundError)
+    async def _gone(_: Request, error: FileNotFoundError) -> JSONResponse:
+        return problem_response(404, f"{Path(error.filename or '').name}: has gone meanwhile", "ask for the list anew")
 
     @app.exception_handler(sqlite3.OperationalError)
     async def _catalogue(_: Request, error: sqlite3.OperationalError) -> JSONResponse:

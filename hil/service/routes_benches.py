@@ -52,10 +52,7 @@ def add(request: Request, name: BenchName, adding: Adding) -> dict[str, Any]:
     from hil.tracing.addition import add_effects, add_form, additions
 
     service, source = service_of(request), _found(request, name)
-    try:
-        folder = catalogue_of(request).path_of(adding.trace)
-    except KeyError:
-        raise Problem(404, f"no such trace: {adding.trace}", "GET /api/runs?kind=trace lists them") from None
+    folder = catalogue_of(request).path_of(adding.trace)
     if not (folder / "diagnosis.json").exists():
         raise Problem(400, f"{adding.trace}: a run, not a trace", "trace it first")
     target = _target(service.folder, name, adding.name)

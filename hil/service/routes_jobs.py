@@ -10,7 +10,6 @@ from fastapi.responses import FileResponse
 from pydantic import Field
 from starlette.datastructures import UploadFile
 from starlette.requests import ClientDisconnect
-from starlette.types import Message, Receive
 
 from hil.errors import InputError
 from hil.service.bench_files import files
@@ -25,7 +24,6 @@ router = APIRouter(tags=["jobs"])
 
 JobId = Annotated[str, Field(max_length=200)]
 _PIECE = 1 << 20
-_ROUND_IT = 1 << 16  # bytes of a form besides its files
 _FORM = {
     "requestBody": {
         "required": True,
@@ -78,38 +76,28 @@ def jobs(request: Request) -> dict[str, list[dict[str, Any]]]:
 
 @router.post("/api/jobs", status_code=201)
 def add(request: Request, asked: Annotated[Asked, Body()]) -> dict[str, Any]:
-    """Ask for a run of an emulated board, a recording of a sensor, a trace, a replay, an import or a campaign."""
-    service = service_of(request)
-    try:
-        order = order_of(asked, service.folder, catalogue_of(request).path_of, service.parts["uploads"])
-        told = asked.model_dump(exclude_none=True, exclude_defaults=True, by_alias=True)
-        holder = holder_of(request)
+    """Ask for a run of an emulated board, a recording of a sensor, a trace, a replay, a data sheet, an
+    identification, an import or a campaign."""
+    service, holder = service_of(request), holder_of(request)
+    order = order_of(asked, service.folder, catalogue_of(request).path_of, service.parts["uploads"])
+    told = asked.model_dump(exclude_none=True, exclude_defaults=True, by_alias=True)
 
-        def noted(name: str) -> None:
-            service.audit.note(holder, "job asked for", job=name, **told)
+    def noted(name: str) -> None:
+        service.audit.note(holder, "job asked for", job=name, **told)
 
-        row = _jobs(request).add(order, told, by=holder.name, noted=noted)
-    except KeyError as error:
-        raise Problem(404, f"no such run: {error.args[0]}", "GET /api/runs lists them") from None
-    return row
+    return _jobs(request).add(order, told, by=holder.name, noted=noted)
 
 
 @router.get("/api/jobs/{job}")
 def job(request: Request, job: JobId) -> dict[str, Any]:
     """One job."""
-    try:
-        return _jobs(request).row(job)
-    except KeyError:
-        raise _unknown(job) from None
+    return _jobs(request).row(job)
 
 
 @router.get("/api/jobs/{job}/report", response_class=Response)
 def report(request: Request, job: JobId) -> Response:
     """The page of a campaign, for a frame: it may load and run nothing."""
-    try:
-        campaign = (_jobs(request).row(job)["result"] or {}).get("campaign")
-    except KeyError:
-        raise _unknown(job) from None
+    campaign = (_jobs(request).row(job)["result"] or {}).get("campaign")
     path = None if campaign is None else service_of(request).folder / campaign / "report.html"
     if path is None or not path.is_file():
         raise Problem(404, f"{job}: no report", "campaigns have one once they are done; that of a run is its run's")
@@ -125,10 +113,7 @@ def campaigns(request: Request) -> dict[str, list[str]]:
 @router.delete("/api/jobs/{job}")
 def cancel(request: Request, job: JobId) -> dict[str, Any]:
     """Have a job end, well: a run closes its record. One that has ended is taken off the list, what it made stays."""
-    try:
-        row = _jobs(request).cancel(job)
-    except KeyError:
-        raise _unknown(job) from None
+    row = _jobs(request).cancel(job)
     service_of(request).audit.note_anyway(holder_of(request), "job cancelled", job=job)
     return row
 
@@ -138,13 +123,8 @@ async def upload(request: Request) -> dict[str, Any]:
     """Send a record (CSV, plain or gzipped; MATLAB; Parquet; what a package reads) as `record` and, where its columns
     have other names, a map of them as `map`; then ask for a job of kind `import`. It is not looked into here."""
     uploads: Uploads = service_of(request).parts["uploads"]
-    most = uploads.most_bytes + _ROUND_IT
-    bounded = Request(request.scope, _bounded(request.receive, most))
     try:
-        announced = request.headers.get("content-length", "0")
-        if not announced.isascii() or not announced.isdigit() or len(announced) > 18 or int(announced) > most:
-            raise TooLarge(f"larger than the {uploads.most_bytes >> 20} MB that are taken; import it with hil import")
-        async with bounded.form(max_files=4, max_fields=4) as form:
+        async with request.form(max_files=4, max_fields=4) as form:
             for part in ("record", "map"):
                 if len(form.getlist(part)) > 1:
                     raise Problem(422, f"more than one {part} in the form", "send each record in a request of its own")
@@ -178,25 +158,6 @@ async def upload(request: Request) -> dict[str, Any]:
 def _jobs(request: Request) -> Jobs:
     found: Jobs = service_of(request).parts["jobs"]
     return found
-
-
-def _unknown(job: str) -> Problem:
-    return Problem(404, f"no such job: {job}", "GET /api/jobs lists them")
-
-
-def _bounded(receive: Receive, most: int) -> Receive:
-    """`receive`, which raises TooLarge after so many bytes, whatever length was announced."""
-    came = 0
-
-    async def bounded() -> Message:
-        nonlocal came
-        message = await receive()
-        came += len(message.get("body", b""))
-        if came > most:
-            raise TooLarge(f"larger than the {most >> 20} MB that are taken; import it with hil import")
-        return message
-
-    return bounded
 
 
 async def _pieces(file: UploadFile) -> AsyncIterator[bytes]:

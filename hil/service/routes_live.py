@@ -137,7 +137,7 @@ async def live(socket: WebSocket) -> None:
 
 
 async def _close(socket: WebSocket, code: int = 1000, reason: str | None = None) -> None:
-    """Say why; whoever has gone by then does not hear it."""
+    """Say why; a client that has gone by then does not hear it."""
     with suppress(RuntimeError, WebSocketDisconnect):
         await socket.close(code, reason)
 

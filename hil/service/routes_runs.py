@@ -5,11 +5,10 @@ A run is named by its id, which is looked up in the catalogue: no part of an add
 
 import asyncio
 import os
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any, Literal, TypeVar
+from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request
 from fastapi.responses import FileResponse, JSONResponse, Response
@@ -22,7 +21,8 @@ from hil.service.catalogue.catalogue import Catalogue, Looked
 from hil.service.catalogue.comparing import compare as compare_runs
 from hil.service.catalogue.keeping import kept
 from hil.service.catalogue.marks import Tag
-from hil.service.problems import Problem
+from hil.service.catalogue.queries import Filter, Page
+from hil.service.problems import Problem, Unknown
 from hil.service.service import Service, holder_of, service_of
 
 router = APIRouter(tags=["runs"])
@@ -35,10 +35,8 @@ REPORT_HEADERS = {
     "x-frame-options": "SAMEORIGIN",
 }
 """Of a report, which may load and run nothing, in a frame of this page."""
-_T = TypeVar("_T")
 
 RunId = Annotated[str, Field(max_length=200)]
-Word = Annotated[str | None, StringConstraints(max_length=200)]
 
 
 @asynccontextmanager
@@ -82,50 +80,10 @@ class Marking(BaseModel):
     note: Annotated[str, StringConstraints(max_length=10_000)] | None = None
 
 
-class Filter(BaseModel):
-    """Which runs, in which order."""
-
-    model_config = ConfigDict(extra="forbid")
-
-    kind: Literal["run", "trace"] | None = None
-    verdict: Word = None
-    device: Word = None
-    serial: Word = None
-    bench: Word = None
-    tag: Word = None
-    state: Literal["done", "running", "interrupted", "recorded", "unreadable"] | None = None
-    q: Word = Field(default=None, description="Words that its name, device, note, tags or effects have")
-    since: datetime | None = Field(default=None, description="ISO 8601")
-    until: datetime | None = None
-    where: Annotated[list[Annotated[str, StringConstraints(max_length=200)]], Field(max_length=10)] = Field(
-        default=[], description="Conditions on figures, such as angle_error_rms_rad<0.01"
-    )
-    sort: Annotated[str, StringConstraints(max_length=100)] = Field(
-        default="-time", description="A column or a figure; with - before it, downwards"
-    )
-    deleted: bool = Field(default=False, description="Those in the trash instead")
-
-    def asked(self, limit: int, after: str | None = None) -> queries.Asked:
-        """As the catalogue is asked."""
-        return queries.Asked(
-            self.kind, self.verdict, self.device, self.serial, self.bench, self.tag, self.state, self.q,
-            _seconds(self.since), _seconds(self.until), self.where, self.sort, limit, after, self.deleted,
-        )  # fmt: skip
-
-
-class Page(Filter):
-    """Which runs, and which page of them."""
-
-    limit: int = Field(default=100, ge=1, le=queries.MOST)
-    after: Annotated[str | None, StringConstraints(max_length=1000)] = Field(
-        default=None, description="`next` of the page before"
-    )
-
-
 @router.get("/api/runs")
 def runs(request: Request, page: Annotated[Page, Query()]) -> dict[str, Any]:
     """A page of runs and traces."""
-    return _asked(lambda: queries.listed(catalogue_of(request), page.asked(page.limit, page.after)))
+    return queries.listed(catalogue_of(request), page)
 
 
 @router.get("/api/runs.junit.xml", response_class=Response)
@@ -133,8 +91,7 @@ def junit(request: Request, chosen: Annotated[Filter, Query()]) -> Response:
     """Verdicts as JUnit XML, of all runs of a filter."""
     catalogue, after, cases = catalogue_of(request), None, list[Case]()
     while True:
-        asked = chosen.asked(queries.MOST, after)
-        found = _asked(lambda asked=asked: queries.listed(catalogue, asked))  # type: ignore[misc]
+        found = queries.listed(catalogue, Page(**chosen.model_dump(), limit=queries.MOST, after=after))
         cases += [_case(row) for row in found["runs"]]
         if (after := found["next"]) is None:
             return Response(junit_xml(cases, catalogue.folder.resolve().name), media_type="application/xml")
@@ -171,7 +128,7 @@ def rebuild(request: Request) -> dict[str, int]:
 @router.get("/api/compare")
 def compare(request: Request, a: RunId, b: RunId) -> dict[str, Any]:
     """Two runs, or two traces, side by side."""
-    return _asked(lambda: compare_runs(catalogue_of(request), a, b))
+    return compare_runs(catalogue_of(request), a, b)
 
 
 @router.get("/api/devices")
@@ -183,20 +140,20 @@ def devices(request: Request) -> list[dict[str, Any]]:
 @router.get("/api/devices/{serial}")
 def device(request: Request, serial: RunId) -> dict[str, Any]:
     """One device, and the figures that its runs have."""
-    return _asked(lambda: queries.device(catalogue_of(request), serial), "device")
+    return queries.device(catalogue_of(request), serial)
 
 
 @router.get("/api/devices/{serial}/trend")
 def trend(request: Request, serial: RunId, figure: Annotated[str, Query(max_length=200)]) -> dict[str, Any]:
     """A figure over the runs of a device, the oldest first."""
-    return _asked(lambda: queries.trend(catalogue_of(request), serial, figure), "device")
+    return queries.trend(catalogue_of(request), serial, figure)
 
 
 @router.get("/api/runs/{run}")
 def run(request: Request, run: RunId) -> dict[str, Any]:
     """A run or a trace: its row, all figures, its files, and the traces made of it."""
     catalogue = catalogue_of(request)
-    found = _asked(lambda: queries.one(catalogue, run))
+    found = queries.one(catalogue, run)
     files = [{"name": name, "bytes": size} for name, (_, size) in _files(_path(request, run)).items()]
     return {**found, "files": files}
 
@@ -207,8 +164,8 @@ def mark(request: Request, run: RunId, marking: Marking) -> dict[str, Any]:
     catalogue = catalogue_of(request)
     _path(request, run)
     _audit(request, "run marked", run=run, **marking.model_dump(exclude_none=True))
-    _asked(lambda: catalogue.mark(run, tags=marking.tags, note=marking.note))
-    return _asked(lambda: queries.one(catalogue, run))
+    catalogue.mark(run, tags=marking.tags, note=marking.note)
+    return queries.one(catalogue, run)
 
 
 @router.delete("/api/runs/{run}")
@@ -219,7 +176,7 @@ def delete(request: Request, run: RunId) -> dict[str, str]:
     if jobs is not None and (busy := jobs.using(folder)):
         raise Problem(409, f"{run}: job {busy[0]} works on it", "wait for it, or cancel it")
     _audit(request, "run deleted", run=run)
-    _asked(lambda: catalogue.delete(run))
+    catalogue.delete(run)
     return {"deleted": run, "undo": f"/api/runs/{run}/restore"}
 
 
@@ -227,9 +184,9 @@ def delete(request: Request, run: RunId) -> dict[str, str]:
 def restore(request: Request, run: RunId) -> dict[str, Any]:
     """Take a run back from the trash."""
     catalogue = catalogue_of(request)
-    _asked(lambda: catalogue.restore(run))
+    catalogue.restore(run)
     service_of(request).audit.note_anyway(holder_of(request), "run restored", run=run)
-    return _asked(lambda: queries.one(catalogue, run))
+    return queries.one(catalogue, run)
 
 
 @router.get("/api/runs/{run}/report", response_class=Response)
@@ -260,7 +217,7 @@ def file(request: Request, run: RunId, name: Annotated[str, Field(max_length=255
 def channels(request: Request, run: RunId) -> list[dict[str, Any]]:
     """What a run recorded that can be drawn."""
     folder = _path(request, run)
-    return [one._asdict() for one in _asked(lambda: series.channels(folder))]
+    return [one._asdict() for one in series.channels(folder)]
 
 
 @router.get("/api/runs/{run}/series", response_class=Response)
@@ -277,7 +234,7 @@ def window(
     folder = _path(request, run)
     names = [name for name in channels.split(",") if name]
     try:
-        frame = _asked(lambda: series.window(folder, names, from_s, to_s, points))
+        frame = series.window(folder, names, from_s, to_s, points)
     except series.PyramidNeeded as needed:
         return _prepared(request, run, needed)
     return Response(frame.packed(), media_type="application/octet-stream")
@@ -292,18 +249,8 @@ def _prepared(request: Request, run: str, needed: series.PyramidNeeded) -> Respo
     return JSONResponse({"job": job}, 202, {"retry-after": "2"})
 
 
-def _asked(act: Callable[[], _T], what: str = "run") -> _T:
-    """The answer; what is unknown or refused as a problem."""
-    try:
-        return act()
-    except KeyError as error:
-        raise Problem(404, f"no such {what}: {error.args[0]}", f"GET /api/{what}s lists them") from None
-    except FileNotFoundError:
-        raise Problem(404, f"the {what} has gone meanwhile", f"GET /api/{what}s lists those there are") from None
-
-
 def _path(request: Request, run: str) -> Path:
-    return _asked(lambda: catalogue_of(request).path_of(run))
+    return catalogue_of(request).path_of(run)
 
 
 def _files(folder: Path) -> dict[str, tuple[Path, int]]:
@@ -318,7 +265,7 @@ def _files(folder: Path) -> dict[str, tuple[Path, int]]:
 
 def _file(request: Request, run: str, name: str) -> Path:
     folder = _path(request, run)
-    files = _asked(lambda: _files(folder))
+    files = _files(folder)
     if name not in files:
         raise Problem(404, f"{run} has no file of that name", f"GET /api/runs/{run} lists its files")
     return files[name][0]
@@ -337,13 +284,6 @@ def _case(row: dict[str, Any]) -> Case:
 def _row_or_gone(catalogue: Catalogue, run: str) -> dict[str, Any]:
     try:
         row = queries.one(catalogue, run)
-    except KeyError:
+    except Unknown:
         return {"id": run, "deleted": True}
     return {name: value for name, value in row.items() if name != "traces"}
-
-
-def _seconds(when: datetime | None) -> float | None:
-    try:
-        return None if when is None else when.timestamp()
-    except (OverflowError, OSError, ValueError):
-        raise Problem(422, "since, until: no time that is known here", "give ISO 8601, such as 2025-03-14") from None

@@ -5,7 +5,6 @@ to read and exact: a bucket is a whole number of the stretches that it is read f
 """
 
 import math
-import struct
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.records.direct import DirectRecord
+from hil.records.frame import Frame
 from hil.records.pyramid import KINDS, SHORT_ROWS, Stretches, drawn, folded, joined, levels_of
 
 MOST_POINTS = 20_000
@@ -25,8 +25,6 @@ _READ_ROWS = 1 << 18
 _AT_ONCE = 4 * SHORT_ROWS
 _COARSER = 4
 """A bucket may be longer than asked for by one part in so many, to be a whole number of stretches."""
-_HEAD = struct.Struct("<4sIIIddQ")
-_MAGIC = b"GYT1"
 
 Floats = npt.NDArray[np.float32]
 
@@ -47,24 +45,6 @@ class Channel(NamedTuple):
     rows: int
     from_s: float
     to_s: float
-
-
-@dataclass(frozen=True)
-class Frame:
-    """Lowest and highest values (channels, buckets) from bench time `begin_s` on, `step_s` to a bucket, whose first has
-    the serial number `first`; not a number where nothing was recorded."""
-
-    begin_s: float
-    step_s: float
-    first: int
-    low: Floats
-    high: Floats
-
-    def packed(self, subscription: int = 0) -> bytes:
-        """As it is sent: the head, then channel by channel the pairs of lowest and highest, little-endian."""
-        count, buckets = self.low.shape
-        head = _HEAD.pack(_MAGIC, subscription, count, buckets, self.begin_s, self.step_s, self.first)
-        return head + np.stack([self.low, self.high], axis=2).astype("<f4").tobytes()
 
 
 def channels(folder: Path) -> list[Channel]:

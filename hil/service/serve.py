@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import uvicorn
 
 from hil.errors import InputError
-from hil.loop.options import FileOptions
+from hil.running.options import FileOptions
 from hil.service.app import make_app
 from hil.service.security.audit import Audit
 from hil.service.security.hosts import Hosts

@@ -7,7 +7,7 @@ from typing import Any, cast
 
 from fastapi import Request
 
-from hil.loop.options import FileOptions
+from hil.running.options import FileOptions
 from hil.service.live_messages import LiveMessages
 from hil.service.security.audit import Audit
 from hil.service.security.hosts import Hosts

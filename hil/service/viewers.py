@@ -2,7 +2,7 @@
 
 A topic for each record of the run, with lowest and highest value of each channel since the message before, forty times
 a second, and one each for the board's state and what the observer says, ten times a second.  Times are bench times.
-It can only be looked at; whoever reaches the port can look.
+It can only be looked at; everybody who reaches the port can look.
 """
 
 from typing import TYPE_CHECKING, Any

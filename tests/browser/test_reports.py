@@ -11,7 +11,7 @@ from playwright.sync_api import Browser
 from estimator import diagnosis as traced
 from hil.records.diagnosis import to_model
 from hil.records.result import Parameter, load_result, save_result
-from hil.report import write_report
+from hil.report.page import write_report
 from hil.scoring.score import score
 from tests.browser.axe import violations
 from tests.made_once import made_once

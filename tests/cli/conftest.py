@@ -1,6 +1,7 @@
 """The command line as its tests drive it: in this process where that does, as a process where not."""
 
 import contextlib
+import io
 import re
 import shutil
 import subprocess
@@ -19,6 +20,13 @@ Start = Callable[..., "subprocess.Popen[str]"]
 
 WAIT_S = 120.0
 """How long a process may take before a test gives up on it; none of them needs a tenth of it."""
+
+
+class Terminal(io.StringIO):
+    """A stream that says it is a terminal."""
+
+    def isatty(self) -> bool:
+        return True
 
 
 @pytest.fixture

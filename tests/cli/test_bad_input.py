@@ -3,6 +3,7 @@
 Through the real command line, in this process; whole processes where a process of the bench's own is at work.
 """
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,8 +15,8 @@ from hil.cli import execute
 from hil.wire.links import open_link
 from tests.cli.conftest import Hil
 from tests.cli.test_errors import refused
-from tests.loop.gyro import scenario
 from tests.records.synthetic_run import Options, write_run
+from tests.running.gyro import scenario
 
 EVIL = "a\x1b[31mred\x07\u202egnirts\x9b2J\nnext"
 DEEP = 5000
@@ -74,6 +75,14 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a run that can be scored, and its truth."""
+    folder = tmp_path_factory.mktemp("whole")
+    write_run(folder / "run", Options(seconds=1.0, settle_s=0.1)).rename(folder / "truth.arrow")
+    return folder
+
+
 def told(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, list[str]]:
     code = execute(list(arguments))
     return code, [line for line in capsys.readouterr().err.splitlines() if line.startswith("hil: ")]
@@ -126,11 +135,11 @@ def test_a_scenario_that_is_none(tmp_path: Path, content: str) -> None:
 @pytest.mark.parametrize("name", ["result.json", "bench.toml", "capture.arrow", "estimates.arrow", "innovation.arrow"])
 @pytest.mark.parametrize("content", CONTENTS)
 def test_a_run_folder_with_a_file_that_is_none(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: str
+    whole: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, content: str
 ) -> None:
-    truth = write_run(tmp_path / "run", Options(seconds=1.0, settle_s=0.1))
+    shutil.copytree(whole, tmp_path, dirs_exist_ok=True)
     (tmp_path / "run" / name).write_bytes(CONTENTS[content])
-    assert_one_plain_line(*told(capsys, "score", str(tmp_path / "run"), "--truth", str(truth)))
+    assert_one_plain_line(*told(capsys, "score", str(tmp_path / "run"), "--truth", str(tmp_path / "truth.arrow")))
 
 
 @pytest.mark.slow
@@ -177,7 +186,10 @@ def test_a_seed_that_is_too_large(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_folder_that_takes_nothing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     place = "/proc/self/fdinfo"  # nobody can make a file there, root neither
     run = ["run", "s-slow", "--link", "inproc:s-slow", "--clock", "lockstep"]
-    assert_one_plain_line(*told(capsys, *run, "--out", f"{place}/runs"))
+    for taken in (f"{place}/runs", f"{Path(__file__)}/runs"):
+        code, lines = told(capsys, *run, "--out", taken)
+        assert_one_plain_line(code, lines)
+        assert "--out" in lines[0]
     assert_one_plain_line(*told(capsys, *run, "--out", str(tmp_path), "--truth", f"{place}/truth.arrow"))
     write_run(tmp_path / "run", Options(seconds=1.0))
     assert_one_plain_line(*told(capsys, "export", str(tmp_path / "run"), "-o", f"{place}/out.csv"))

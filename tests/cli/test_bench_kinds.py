@@ -5,11 +5,9 @@ import pytest
 
 from estimator.diagnosis import Verdict
 from hil.bench import Bench, RateSensorBench, examples, load_any_bench, load_bench
-from hil.bench.text import json_schema
 from hil.errors import InputError
 from hil.importing.importer import import_record
 from hil.tracing.rate_sensor import trace_rate_sensor
-from tests.cli.test_bench_file import REFERENCE
 
 CARRIAGE = """
 [device]
@@ -78,11 +76,6 @@ def test_a_rate_sensor_has_a_bench_file_of_its_own_and_no_loop(file):
     with pytest.raises(InputError, match=r"\[device\] mass_kg: unknown key"):
         load_any_bench(file(SENSOR + "mass_kg = 1.0\n"))
     assert isinstance(load_any_bench(file(CARRIAGE)), Bench)
-
-
-def test_the_schema_of_rate_sensors_is_current():
-    told = (REFERENCE / "rate-sensor.schema.json").read_text(encoding="utf-8")
-    assert told == json_schema(RateSensorBench), "run: .venv/bin/python -m hil.bench.text docs/reference"
 
 
 @pytest.mark.slow

@@ -9,15 +9,9 @@ from estimator.trace.experiments import Turn
 from hil.bench import Bench, examples, load_bench
 from hil.cli import consent
 from hil.errors import InputError
+from tests.cli.conftest import Terminal
 
 LINK = "serial:/dev/ttyACM0"
-
-
-class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 @pytest.fixture

@@ -7,16 +7,16 @@ import pytest
 
 from hil import cli, demo
 from hil.bench import examples, load_bench
-from hil.doctor.started import Started, after_late
-from hil.loop import run as loop_run
-from hil.loop.request import RunRequest
 from hil.records.diagnosis import Coefficient, Effect
 from hil.records.result import Answers, Part, Result, load_result, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.setting import Setting
 from hil.report import page
+from hil.running import run as loop_run
+from hil.running.request import RunRequest
+from hil.running.started import Started, after_late
 from tests.cli.diagnoses import explained, save_trace
-from tests.loop import gyro
+from tests.running import gyro
 
 LATE = Part(outcome="failed", reason="6.6 % of the samples had no answer in time", next="hil doctor")
 PARTS: dict[Any, Part] = {
@@ -26,7 +26,7 @@ PARTS: dict[Any, Part] = {
     "angle": Part(outcome="good", reason="uncertain by 20 mrad (k = 2) at the end"),
 }
 HARDENING = Effect(
-    name="cubic_stiffness", title="cubic stiffness", equations=(), evidence=1000.0, undone="by the drive",
+    name="cubic_stiffness", title="cubic stiffness", equations=(), evidence=1000.0, compensation="by the drive",
     coefficients={"k3x": Coefficient(value=1.0e13, ci95=(0.9e13, 1.1e13), unit="1/(m²·s²)")},
 )  # fmt: skip
 

@@ -10,6 +10,7 @@ from hil import demo
 from hil.records.diagnosis import Coefficient, Effect
 from hil.report import page
 from hil.tracing import trace as tracing
+from hil.tracing.request import TraceRequest
 from hil.tracing.traced import Traced
 from tests.cli.diagnoses import explained
 
@@ -47,7 +48,7 @@ HARDENING = Effect(
         "k3y": Coefficient(value=3.0e12, ci95=(2.9e12, 3.1e12), unit="1/(m²·s²)"),
     },
     evidence=1000.0,
-    undone="by the drive",
+    compensation="by the drive",
 )  # fmt: skip
 
 
@@ -55,10 +56,10 @@ HARDENING = Effect(
 def traced_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A trace says what it is told to: which effect it is matters to no page's number."""
 
-    def trace(capture: Path, bench: object, out: Path, **_: object) -> Traced:
+    def trace(request: TraceRequest, out: Path, **_: object) -> Traced:
         folder = out / "traced"
         folder.mkdir()
-        return Traced(folder, explained(effects=(HARDENING,), record=str(capture)))
+        return Traced(folder, explained(effects=(HARDENING,), record=str(request.capture)))
 
     monkeypatch.setattr(tracing, "trace", trace)
 

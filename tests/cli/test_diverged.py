@@ -11,7 +11,7 @@ import pytest
 
 from tests.cli.conftest import Hil
 from tests.cli.diverged import KINDS, write_diverged_run
-from tests.loop.gyro import bench, bench_file
+from tests.running.gyro import bench, bench_file
 
 pytestmark = pytest.mark.slow
 

@@ -267,18 +267,6 @@ def test_bad_records_are_refused_whole(hil: Hil, tmp_path: Path, text: str, plac
     assert [path.name for path in tmp_path.iterdir()] == ["ride.csv"]
 
 
-def test_our_own_faults_are_not_hidden(hil: Hil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(*_: object) -> Path:
-        raise ZeroDivisionError
-
-    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr(examples, "find", broken)
-    code, _, err = hil("run", "s-slow")
-    assert code == 3
-    assert err.startswith("hil: a fault of hil: ZeroDivisionError; please report it with ")
-    assert "in broken" in Path(err.split()[-1]).read_text()
-
-
 @pytest.mark.moderate
 def test_what_is_asked_for_is_overwritten_but_never_a_folder(hil: Hil, tmp_path: Path) -> None:
     (tmp_path / "ride.csv").write_text("t_s,vx_V,ux_V\n0,0,0\n1,0,0\n", encoding="utf-8")

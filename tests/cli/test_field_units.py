@@ -1,6 +1,5 @@
 """Bench files in the units of the field: Hz, Q, decay time, split, degrees, °/s, ppm (docs/reference/bench.md)."""
 
-import json
 import math
 import tomllib
 from pathlib import Path
@@ -10,9 +9,9 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, load_bench, override
-from hil.bench.field_units import FIELD_UNITS, other_key
+from hil.bench.field_units import FIELD_UNITS, other_keys
 from hil.bench.template import missing, put_in, template, values_of
-from hil.bench.text import json_schema, keys, sections
+from hil.bench.text import keys, sections
 from hil.errors.strict_toml import parse_table
 from tests.cli.conftest import Hil
 from tests.cli.test_bench_file import MINIMAL, bench_file, complaint
@@ -87,21 +86,34 @@ def test_a_single_axis_takes_them_too(tmp_path: Path) -> None:
     assert device.damping_per_s == (pytest.approx(4 * math.pi),)
 
 
+BESIDE = {"device.sense.interface": {"kind": "gap_closing", "gap_m": 1e-3}}
+"""What a key of a table has a meaning with."""
+
+
 def test_every_angle_rate_and_share_of_a_bench_file_may_be_in_the_fields_unit(tmp_path: Path) -> None:
     """Each key of each table that has another unit, given in it, is the same bench."""
     found = [
-        (path, key, other) for path, model in sections(Bench) for key, _ in keys(model) if (other := other_key(key))
+        (path, key, other) for path, model in sections(Bench) for key, _ in keys(model) for other in other_keys(key)
     ]
-    assert {"virtual_rotation_dps", "rate_dps", "angle_deg", "clock_u_ppm", "rate_dps_per_rts"} <= {
-        other.name for _, _, other in found
-    }
+    assert {
+        "virtual_rotation_dps",
+        "rate_dps",
+        "angle_deg",
+        "clock_u_ppm",
+        "rate_dps_per_rts",
+        "bias_deg_per_h",
+        "angle_random_walk_deg_per_rth",
+        "scale_factor_error_ppm",
+    } <= {other.name for _, _, other in found}
     bench = bench_of(tmp_path, MINIMAL)
     for path, key, other in found:
-        table = tomllib.loads(template(put_in(values_of(bench), {path: {other.name: 0.02}}), "Changed."))
+        table = tomllib.loads(
+            template(put_in(values_of(bench), {path: {**BESIDE.get(path, {}), other.name: 0.02}}), "Changed.")
+        )
         here = parse_table(table, Bench, "changed")
         for part in path.split("."):
             here = getattr(here, part)
-        assert getattr(here, key) == pytest.approx(0.02 / other.per_model_unit, rel=1e-12), (path, key)
+        assert np.ravel(getattr(here, key)) == pytest.approx(0.02 / other.per_model_unit, rel=1e-12), (path, key)
 
 
 def test_a_degree_is_a_degree() -> None:
@@ -109,6 +121,10 @@ def test_a_degree_is_a_degree() -> None:
     assert math.pi * factors["_deg"] == pytest.approx(180.0)
     assert factors["_dps"] == factors["_deg"]
     assert factors["_u_ppm"] == 1e6
+    assert factors["_deg_per_h"] == pytest.approx(math.degrees(1) * 3600)  # 1 rad/s is so many ° in an hour
+    assert factors["_deg_per_rth"] == pytest.approx(math.degrees(1) * 3600**0.5)  # and 1 rad in √s so many in √h
+    assert factors["_deg_per_h_per_rth"] == pytest.approx(math.degrees(1) * 3600 * 3600**0.5)
+    assert factors["_deg_per_h2"] == pytest.approx(math.degrees(1) * 3600 * 3600)
     assert factors["_V_per_dps"] * factors["_dps"] == pytest.approx(1.0)  # 57.3 times volts per °/s is volts per rad/s
 
 
@@ -164,7 +180,7 @@ def test_each_mistake_is_one_line_that_names_the_keys_given(tmp_path: Path, text
 
 
 def test_the_published_schema_takes_and_refuses_the_same(tmp_path: Path) -> None:
-    schema = json.loads(json_schema())
+    schema = Bench.model_json_schema()
     for text, good in (
         (MINIMAL, True),
         (resonant("split_Hz = 10", "azimuth_deg = 3"), True),

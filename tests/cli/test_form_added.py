@@ -86,6 +86,17 @@ def test_a_form_with_a_memory_alone_writes_nothing(tmp_path: Path) -> None:
     assert not target.exists()
 
 
+def test_an_effect_of_the_catalogue_is_declared_as_one(tmp_path: Path) -> None:
+    target = tmp_path / "form.bench.toml"
+    named = {"form": "dry friction", "sensed": False, "laws": {}, "effect": "dry_friction",
+             "coefficients": {"fx": {"value": 1.8, "ci95": [1.7, 1.9], "unit": "m/s²"}},
+             "inside": {"v0": FRICTION["inside"]["v0"]}}  # fmt: skip
+    assert add_form(find("bench", "s-slow"), target, missing(named, CUBIC), "r")[0] == ["dry_friction", "form_1"]
+    effects = load_bench(target).effects
+    assert effects.named["dry_friction"] == {"fx": 1.8, "v0": 5.9e-4}
+    assert effects.custom["form_1"].force_x == "c_x*(x**3)"
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 def test_what_no_effect_accounts_for_is_undone_by_its_form(start: Start, tmp_path: Path) -> None:

@@ -17,6 +17,7 @@ GOOD = {
         ["short.bench.toml", "--link", "inproc:s-slow", "--dry-run"],
         ["short.bench.toml", "--link", "inproc:s-slow", "--open-loop", "--out", "others"],
     ],
+    "characterise": [["last", "--truth", "truth.arrow", "--no-report", "--out", "others"]],
     "score": [["last", "--truth", "truth.arrow"]],
     "replay": [["last", "--bench", "short.bench.toml"]],
     "trace": [["last", "--bench", "short.bench.toml", "--no-report"]],
@@ -40,9 +41,9 @@ SERVING = {
 }
 """What goes on until it is told to stop: its first line is the document."""
 
-ELSEWHERE = {"demo", "record", "top"}
-"""Of these tests/cli/test_processes.py, tests/sensors and tests/service speak: a demo takes a minute, the others need a
-sensor and a service."""
+ELSEWHERE = {"demo", "record", "top", "identify"}
+"""Of these tests/cli/test_processes.py, tests/sensors, tests/service and tests/cli/test_identify.py speak: a demo takes
+a minute, the others need a sensor, a service, a board that rests."""
 
 ABSENT = {
     "generate": ["absent", "--out", "c"],
@@ -54,6 +55,8 @@ ABSENT = {
     "init": ["--like", "absent"],
     "replay": ["absent", "--bench", "s-slow"],
     "trace": ["absent", "--bench", "s-slow"],
+    "characterise": ["absent"],
+    "identify": ["--record", "absent"],
     "score": ["absent", "--truth", "absent.arrow"],
     "compare": ["absent", "--bench", "s-slow"],
     "sweep": ["absent"],

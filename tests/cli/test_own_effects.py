@@ -113,7 +113,7 @@ BROKEN = {
     ),
     "unknown symbol": (
         "import sympy as sp\nfrom estimator.effects.declaration import *\nq, z = sp.symbols('q z')\n"
-        "MINE = Effect('mine', 'Mine', (Coefficient(q, 'q', 0.05),), 's', 's', Undone.CANCEL, force=(q * z, q))\n",
+        "MINE = Effect('mine', 'Mine', (Coefficient(q, 'q', 0.05),), 's', '', Compensation.CANCEL, force=(q * z, q))\n",
         "z is no state, drive, coefficient or signal",
     ),
 }
@@ -171,9 +171,9 @@ def test_an_effect_of_a_package_is_known_by_its_name(example: Path) -> None:
 @pytest.mark.moderate
 def test_a_package_may_say_it_in_sympy(install: Install) -> None:
     source = (
-        "import sympy as sp\nfrom estimator.effects.declaration import Coefficient, Effect, Undone\n"
+        "import sympy as sp\nfrom estimator.effects.declaration import Coefficient, Effect, Compensation\n"
         "from estimator.model.gyro import x, y\nq = sp.Symbol('q')\n"
-        "MINE = Effect('mine', 'Mine', (Coefficient(q, 'q', 0.05, -2, -2),), 's', 's', Undone.CANCEL,\n"
+        "MINE = Effect('mine', 'Mine', (Coefficient(q, 'q', 0.05, -2, -2),), 's', 's', Compensation.CANCEL,\n"
         "              force=(-q * x**3, -q * y**3))\n"
     )
     install("in-sympy", "mine", source)

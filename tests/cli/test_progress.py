@@ -7,6 +7,7 @@ import pytest
 
 from hil.cli.progress import watching
 from hil.progress import Progress
+from tests.cli.conftest import Terminal
 
 STAGES = [
     Progress("connect", 0, 0, "somewhere"),
@@ -14,13 +15,6 @@ STAGES = [
     Progress("run", 4, 4),
     Progress("report", 0, 0),
 ]
-
-
-class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 def test_lines_where_there_is_no_terminal(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,8 +9,11 @@ import pytest
 
 from hil.comparing import methods as comparing
 from hil.errors import InputError
+from hil.records.attitude import AttitudeResult, save_attitude_result
+from hil.records.data_sheet import DataSheet, save_data_sheet
 from hil.records.diagnosis import Diagnosis
 from hil.records.listing import last_run, listed
+from hil.service.catalogue.entry import read_entry
 from tests.cli.conftest import Hil
 from tests.cli.diagnoses import explained, save_trace
 from tests.cli.test_errors import refused
@@ -178,3 +181,29 @@ def test_the_part_that_failed_and_its_reason_are_listed(hil: Hil, tmp_path: Path
     _, text, _ = hil("ls", "--json")
     assert json.loads(text)["runs"][0]["against"] == ["machine"]
     assert json.loads(text)["runs"][0]["reasons"] == ["6.6 % of answers late"]
+
+
+def test_what_is_no_run_is_listed_by_its_kind(hil: Hil, tmp_path: Path) -> None:
+    runs = tmp_path / "runs"
+    sheet = DataSheet(device="d", records=("r",), seconds=60.0, verdict="failed", rows=())
+    attitude = AttitudeResult(verdict="good", axes=(), seconds=9.0)
+    for name in ("20260101-000000-sheet", "20260102-000000-board", "20260103-000000-three"):
+        (runs / name).mkdir(parents=True)
+    save_data_sheet(runs / "20260101-000000-sheet" / "characteristics.json", sheet)
+    found = json.dumps({"faults": ["the latency is 3 ticks"]})
+    (runs / "20260102-000000-board" / "identified.json").write_text(found, encoding="utf-8")
+    save_attitude_result(runs / "20260103-000000-three", attitude)
+    code, out, _ = hil("ls", "--json")
+    assert code == 0
+    rows = json.loads(out)["runs"]
+    assert [(one["kind"], one["verdict"]) for one in rows] == [
+        ("sheet", "failed"), ("identify", "failed"), ("attitude", "good")
+    ]  # fmt: skip
+    assert rows[1]["reasons"] == ["the latency is 3 ticks"]
+    assert "open runs/20260102-000000-board/report.html" in refused(hil("show", "20260102"))
+    entries = [read_entry(runs / Path(one["path"]).name) for one in rows]
+    assert [(one.kind, one.verdict, one.state) for one in entries] == [
+        ("sheet", "failed", "done"), ("identify", "failed", "done"), ("attitude", "good", "done")
+    ]  # fmt: skip
+    (runs / "20260102-000000-board" / "identified.json").write_text("{", encoding="utf-8")
+    assert "identify the board again" in str(read_entry(runs / "20260102-000000-board").details["unreadable"])

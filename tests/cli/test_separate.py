@@ -13,8 +13,8 @@ from hil.bench.examples import find
 from hil.cli.show_diagnosis import print_diagnosis
 from hil.cli.trace import _announced, _separated
 from hil.errors import InputError
-from hil.loop.request import RunRequest
 from hil.records.diagnosis import Diagnosis, Separation
+from hil.running.request import RunRequest
 from hil.tracing.separate import Asked, asked_for, changes, duration_for, named, separable, separate, within_reach
 from tests.cli.diagnoses import explained
 

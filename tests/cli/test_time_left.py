@@ -1,6 +1,5 @@
 """What a trace says of the time it still takes: nothing without ground, no wild jumps, and about right in the end."""
 
-import io
 import sys
 from itertools import pairwise
 
@@ -9,6 +8,7 @@ import pytest
 from hil.cli.progress import watching
 from hil.progress import Progress
 from hil.tracing.time_left import TimeLeft, in_words
+from tests.cli.conftest import Terminal
 
 
 class Clock:
@@ -91,13 +91,6 @@ def test_in_words() -> None:
     assert in_words(3.0) == "a few seconds left"
     assert in_words(37.0) == "about 40 s left"
     assert in_words(118.0) == "about 2 min left"
-
-
-class Terminal(io.StringIO):
-    """A stream that says it is a terminal."""
-
-    def isatty(self) -> bool:
-        return True
 
 
 def test_a_terminal_shows_the_estimate_and_no_time_of_the_stage_alone(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -115,19 +115,3 @@ def test_bench_that_does_not_fit_the_board_is_refused(hil: Hil, short_bench: str
     assert err.splitlines()[-1].startswith("hil: ")
     assert "sample_rate_Hz" in err
     assert not list(tmp_path.glob("runs/*"))
-
-
-def test_unusable_out_folder_is_one_line(hil: Hil, short_bench: str, tmp_path: Path) -> None:
-    (tmp_path / "file").write_text("", encoding="utf-8")
-    code, out, err = hil("run", short_bench, "--link", "inproc:s-slow", "--out", "file/runs")
-    assert (code, out) == (2, "")
-    assert "file" in err.splitlines()[-1]
-    assert "--out" in err.splitlines()[-1]
-
-
-def test_capture_of_nothing_is_refused(hil: Hil, tmp_path: Path) -> None:
-    (tmp_path / "odd.arrow").write_bytes(b"no arrow")
-    code, out, err = hil("replay", "odd.arrow", "--bench", "s-slow")
-    assert (code, out) == (2, "")
-    assert "odd.arrow" in err.splitlines()[-1]
-    assert not (tmp_path / "runs").exists()

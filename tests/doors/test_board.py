@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.wire.inproc import open_inproc
 from hil.wire.link_name import Emulated, parse_link
 from tests.doors.conftest import BROKEN, Install
-from tests.loop import gyro
+from tests.running import gyro
 from tests.service.serving import serving
 from tests.test_pytest_plugin import PLUGIN
 

@@ -4,16 +4,20 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
+from itertools import islice
 from pathlib import Path
 
 import pytest
 
+from device_emulator.gyros import GYROS, stream
 from hil.bench.examples import directory, find
 from hil.boards.emulation import emulator
-from hil.sensors.stim300 import SIZE, Stim300
+from hil.sensors.declared import protocols
+from hil.sensors.stream_decoder import StreamDecoder
 from hil.testing.conformance import AdapterConformance, LinkConformance
 from hil.wire.links import open_link
-from tests.sensors.golden import remainder
+from tests.sensors.golden import SIZE, Stim300, remainder
 
 
 def datagram(counter: int) -> bytes:
@@ -28,6 +32,20 @@ class TestStim300(AdapterConformance):
     samples = 20
     size = SIZE
     odds = 0.0
+
+
+def _of(name: str) -> type[AdapterConformance]:
+    """The tests of a declared gyro, over what the emulated one sends."""
+    sent = [b"".join(one) for one in islice(stream(GYROS[name]), 24)]  # type: ignore[arg-type]
+    told = {
+        "make": partial(StreamDecoder, protocols()[name]), "stream": b"".join(sent), "samples": 24,
+        "size": len(sent[0]), "odds": 1e-3,
+    }  # fmt: skip
+    return type("Declared", (AdapterConformance,), told)
+
+
+# not of a text without a counter, nor of Xsens, whose channels depend on what is heard first
+TestVectorNav, TestDmu11, TestHg4930S, TestIim46234 = _of("vn100"), _of("dmu11"), _of("hg4930s"), _of("iim46234")
 
 
 class TestSerial(LinkConformance):

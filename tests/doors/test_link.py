@@ -14,7 +14,7 @@ from hil.bench.template import template, values_of
 from hil.boards.emulation import emulator
 from hil.client import connect
 from tests.doors.conftest import Install
-from tests.loop import gyro
+from tests.running import gyro
 from tests.service.serving import serving
 from tests.test_pytest_plugin import PLUGIN
 

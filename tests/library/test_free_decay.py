@@ -76,7 +76,11 @@ def test_a_mass_that_sticks_is_traced_up_to_there_and_the_friction_is_found(tmp_
     bench.write_text(BENCH, encoding="utf-8")
     volts = OFFSET + GAIN * coulomb(1e-3, 12_000) + np.random.default_rng(8).normal(0.0, NOISE, 12_000)
     record = {"t_s": np.arange(12_000) / RATE, "vx_V": volts}
-    found = hil.trace(record, hil.load_bench(bench), report=False, out=tmp_path).diagnosis
+    told: list[str] = []
+    found = hil.trace(
+        record, hil.load_bench(bench), report=False, out=tmp_path, progress=lambda one: told.append(one.stage)
+    ).diagnosis
+    assert "effects" in told
     (effect,) = found.effects
     assert (found.verdict, effect.name) == ("explained", "dry_friction")
     low, high = effect.coefficients["fx"].ci95

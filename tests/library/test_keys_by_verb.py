@@ -15,17 +15,18 @@ import hil.replaying.replay as replaying
 import hil.tracing.trace as tracing
 from hil.bench import Bench
 from hil.bench.by_verb import NOT_OF, Verb, require_usable
+from hil.bench.classic import CLASSIC
 from hil.bench.section import Section
 from hil.bench.template import template, values_of
 from hil.bench.text import keys, sections
 from hil.errors import InputError
-from hil.loop import run as whole
-from hil.loop import worker
-from hil.loop.request import RunRequest
 from hil.records.runfolder import RunFolder
+from hil.running import run as whole
+from hil.running import worker
+from hil.running.request import RunRequest
 from hil.tracing.request import request_of
-from tests.loop import gyro
-from tests.loop.test_drive_units import drive_in
+from tests.running import gyro
+from tests.running.test_drive_units import drive_in
 
 LEAVES = {
     (model, name): f"{path}.{name}"
@@ -38,6 +39,12 @@ OUTSIDE = {
     "loop.name": "of the folder, by the caller",
     "limits.overtime": "by the process that watches the loop",
     "observer.initial_sd.drive_gain": "where [device.drive] gain_known is false, of a single axis",
+    **{key: "of a board with trim electrodes" for key in LEAVES.values() if key.startswith("trim.")},
+    **{key: "of a sold gyro beside the run" for key in LEAVES.values() if key.startswith("reference.")},
+    **{
+        f"device.sense.interface.{key}": "of another kind of interface"
+        for key in ("distortion_per_m2", "temperature_per_K", "corner_Hz", "decay_per_m")
+    },
 }
 """Read elsewhere than in what runs below."""
 
@@ -109,10 +116,13 @@ def reading(monkeypatch: pytest.MonkeyPatch) -> Reading:
 
 
 def declared(mode: str) -> Bench:
-    """S-slow, 1.6 s, with a drive in volts, so that what a volt does is asked for."""
+    """S-slow, 1.6 s, with a drive in volts, so that what a volt does is asked for, and a gap too wide to matter."""
     gain = {"mode": "gain", "block": 20, "estimate_every": 20} if mode == "gain" else {}
     loop = {"duration_s": 1.6, "settle_s": 0.5, "clock": "lockstep", "seed": 7} | gain
-    return gyro.bench(1.6, loop=loop, device={"drive": drive_in("V", 1e-3, 10.0)})
+    law = {"controller": {"mode": mode}} if mode in CLASSIC else {}
+    wide = {"kind": "gap_closing", "gap_m": (1.0,), "constant_u": 0.01}
+    device = {"drive": drive_in("V", 1e-3, 10.0), "sense": {"interface": wide}}
+    return gyro.bench(1.6, loop=loop, device=device, **law)
 
 
 def ran(mode: str, scenario: Path, folder: Path, reading: Reading) -> Path:
@@ -136,7 +146,7 @@ def unused(reading: Reading) -> set[str]:
 def test_every_key_is_read_or_said_to_be_of_no_use(tmp_path: Path, reading: Reading) -> None:
     scenario = gyro.scenario(tmp_path / "board.toml")
     captures, left = {}, set(LEAVES.values())
-    for mode in ("force", "gain"):
+    for mode in ("force", "gain", "force_to_rebalance"):
         captures[mode] = ran(mode, scenario, tmp_path / mode, reading)
         left &= unused(reading)
     record, own = captures["force"], declared("force")

@@ -187,22 +187,3 @@ def test_what_is_not_there_is_said_in_one_line(tmp_path: Path) -> None:
         hil.load_bench("s-slov")
     with pytest.raises(hil.InputError, match="no bench"):
         hil.replay(tmp_path / "capture.arrow")
-
-
-@pytest.mark.long
-@pytest.mark.timeout(900)  # a whole trace
-def test_from_a_run_to_its_effect_and_back(tmp_path: Path) -> None:
-    first = hil.run("s-undeclared", link="inproc:s-undeclared", clock="lockstep", duration_s=10.0, out=tmp_path)
-    told: list[str] = []
-    trace = hil.trace(first, out=tmp_path, progress=lambda progress: told.append(progress.stage))
-    assert trace.verdict == "explained"
-    assert [effect.name for effect in trace.effects] == ["cubic_stiffness"]
-    assert "effects" in told
-    assert trace.report().exists()
-    figure = trace.plot()
-    assert len(figure.axes) == 2
-    kept = hil.load_trace(trace.path)
-    assert kept.diagnosis == trace.diagnosis
-    better = hil.replay(first, trace.add_to(first.bench), out=tmp_path)
-    settled = 2.0
-    assert better.innovation.since(settled).values.std() < 0.7 * first.innovation.since(settled).values.std()

@@ -17,8 +17,8 @@ import hil
 from hil.boards.emulation import emulator
 from hil.records.capture import read_capture
 from hil.wire.messages import SafeReason
-from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
-from tests.loop.processes import safe_reason, until
+from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
+from tests.running.processes import safe_reason, until
 
 LONG_S = 400.0  # beyond every test, on a busy machine too
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+import hil
 from benchmarks import readme
 from hil.bench import examples
 from hil.errors import InputError
@@ -31,6 +32,10 @@ def test_the_block_of_the_readme_does_what_it_says(
     exec(compile(block, "README.md", "exec"), shown)
     run, trace, better = shown["run"], shown["trace"], shown["better"]
     assert run.bench.loop.duration_s == 5.0
+    assert trace.verdict == "explained"
+    assert trace.report().exists()
+    assert len(trace.plot().axes) == 2
+    assert hil.load_trace(trace.path).diagnosis == trace.diagnosis
     assert [effect.name for effect in trace.effects] == ["cubic_stiffness"]
     assert better.bench.effects.named.keys() == {"cubic_stiffness"}
     assert better.innovation.since(2.0).values.std() < 0.7 * run.innovation.since(2.0).values.std()

@@ -21,7 +21,7 @@ ROOT = Path(hil.__file__).parent
 FUNCTIONS: dict[str, Callable[..., Any]] = {
     name: value for name in hil.__all__ if inspect.isfunction(value := getattr(hil, name))
 }
-NAMED = re.compile(r"\b([a-z_][a-z0-9_]*)=(?=[\s;,)]|True|$)")
+NAMED = re.compile(r"\b([a-z_][A-Za-z0-9_]*)=(?=[\s;,)]|True|$)")
 OPTION = re.compile(r"(?<!\S)--([a-z][a-z0-9-]*)")
 ASKED = {"require", "path_of", "folder_of", "bench_file", "_names"}
 
@@ -102,8 +102,8 @@ def test_every_option_that_the_function_of_its_verb_has_too_is_found() -> None:
 def test_what_the_library_names_itself_is_an_argument_of_some_function() -> None:
     known = {name for function in FUNCTIONS.values() for name in inspect.signature(function).parameters}
     named = set()
-    for path, tree in (*sources("library"), *sources("loop")):
-        if path.parent.name == "loop" and path.name != "request.py":
+    for path, tree in (*sources("library"), *sources("running")):
+        if path.parent.name == "running" and path.name != "request.py":
             continue
         for node in ast.walk(tree):
             if isinstance(node, ast.Raise):

@@ -10,9 +10,9 @@ import pytest
 
 import hil
 from hil.bench import examples
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.records.result import Result, save_result
+from hil.running.request import RunRequest
+from hil.running.run import run
 from tests.made_once import made_once
 
 

@@ -1,4 +1,4 @@
-"""A real service: `hil serve` in a process of its own, and what a client of it needs."""
+"""A real service: `hil serve` in a process of its own, most often a fork, and what a client of it needs."""
 
 import json
 import os
@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import httpx
+
+from tests.forked import Forked
 
 _END_S = 100.0  # for figures and report of a run, on a busy machine
 _TRUSTED = ssl.create_default_context()  # made once: it takes longer than a request
@@ -50,9 +52,9 @@ class Serving:
 
 
 @contextmanager
-def serving(folder: Path, *options: str) -> Iterator[Serving]:
+def serving(folder: Path, *options: str, start: type["subprocess.Popen[bytes]"] = Forked) -> Iterator[Serving]:
     """`hil serve` on a free port, ended by SIGTERM, which it has to obey."""
-    process = subprocess.Popen(
+    process = start(
         [sys.executable, "-m", "hil", "serve", "--port", "0", "--json", "--folder", str(folder), *options],
         stdout=subprocess.PIPE,
         start_new_session=True,
@@ -76,3 +78,15 @@ def serving(folder: Path, *options: str) -> Iterator[Serving]:
             raise
         finally:
             process.stdout.close()
+
+
+def own_certificate(certificate: Path, key: Path, *more: str) -> None:
+    """A key, and a certificate that it signs itself."""
+    subprocess.run(
+        [
+            *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"),
+            *("-keyout", str(key), "-out", str(certificate), "-days", "2", "-subj", "/CN=localhost", *more),
+        ],
+        check=True,
+        capture_output=True,
+    )

@@ -14,6 +14,7 @@ import httpx
 import pytest
 
 from hil.service.serve import Where, listening_socket
+from tests.forked import hil_says
 from tests.service.serving import Serving, serving
 
 
@@ -84,15 +85,13 @@ def test_an_answer_does_not_wait_until_what_was_sent_before_is_acknowledged(tmp_
 @pytest.mark.long
 def test_it_ends_well_on_both_signals(tmp_path: Path) -> None:
     for number in (signal.SIGTERM, signal.SIGINT):
-        with serving(tmp_path / "runs") as running:
+        with serving(tmp_path / "runs", start=subprocess.Popen) as running:
             os.kill(running.process.pid, number)
             assert running.process.wait(10) == 0
 
 
 def _refused(*options: str) -> str:
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", "serve", "--port", "0", *options], capture_output=True, text=True, timeout=60
-    )
+    done = hil_says("serve", "--port", "0", *options)
     assert done.returncode == 2
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("hil: ")]
     assert "Traceback" not in done.stderr

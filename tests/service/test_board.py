@@ -18,8 +18,8 @@ from hil.records.capture import read_capture
 from hil.service.board.lease import Leases
 from hil.service.problems import Problem
 from hil.wire.messages import SafeReason
-from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
-from tests.loop.processes import alive, command_line, safe_reason
+from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
+from tests.running.processes import alive, command_line, safe_reason
 from tests.service.serving import Serving, serving
 
 # Boards follow a clock on the wall; and a service looks for a lost one under the name of its pty, which the system may
@@ -100,7 +100,7 @@ def keeper_of(service: Serving) -> int:
 def loop_of(service: Serving) -> int:
     tasks = Path(f"/proc/{keeper_of(service)}/task").iterdir()  # its parent is one thread of several
     born = [int(word) for task in tasks for word in (task / "children").read_text().split()]
-    return next(one for one in born if "hil.loop.worker" in command_line(one))
+    return next(one for one in born if "hil.running.worker" in command_line(one))
 
 
 # -- lease ---------------------------------------------------------------------------------------------------------
@@ -228,28 +228,6 @@ def test_start_settings_safe(bench: Serving, board: str) -> None:
     assert audit[:2] == ["run ended", "safe"]
     assert {"lease", "connect", "start", "settings"} <= set(audit)
     assert safe_reason_of(operator, board) is SafeReason.INTERRUPTED
-
-
-@pytest.mark.parametrize(
-    "link",
-    [
-        "serial:/etc/passwd",
-        "serial:../../x",
-        "pty:/etc/passwd",
-        "pty:../x",
-        "inproc:no",
-        "tcp:a",
-        "",
-        "udp:239.0.0.1:4242?key=/etc/x",
-    ],
-)
-def test_a_link_names_a_device_or_a_file_of_this_bench(service: Serving, link: str) -> None:
-    taken = service.ask("POST", "/api/lease", json={"holder": "x"})
-    headers = {"x-lease": taken.json()["lease"]}
-    answer = service.ask("POST", "/api/board/connect", json={"link": link}, headers=headers)
-    service.ask("DELETE", "/api/lease", headers=headers)
-    assert answer.status_code == 400
-    assert answer.json()["error"]
 
 
 @pytest.mark.slow

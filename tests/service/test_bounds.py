@@ -22,7 +22,8 @@ from hil.errors import InputError
 from hil.errors.strict_toml import table_of
 from hil.service.problems import Problem
 from hil.service.security.audit import Audit
-from tests.service.serving import Serving, serving
+from tests.forked import hil_says
+from tests.service.serving import Serving, own_certificate, serving
 
 AT_ONCE_S = 3.0  # on a machine that does other things; each takes milliseconds
 
@@ -61,27 +62,6 @@ def test_toml_of_the_bench_is_within_the_bounds() -> None:
     assert table_of(b'a.b."c.d.e.f.g.h.i.j.k.l.m.n.o.p.q.r.s.t.u.v" = "[[[[[[" # ' + b"[" * 100, "x")["a"]["b"]
 
 
-@pytest.mark.parametrize("kind", ["bench", "scenario", "map", "campaign"])
-def test_files_of_the_command_line_too(tmp_path: Path, kind: str) -> None:
-    path = tmp_path / f"x.{kind}.toml"
-    path.write_text(TOML["dots"])
-    command = {
-        "bench": ["run", str(path), "--dry-run"],
-        "scenario": ["emulate", str(path)],
-        "map": ["import", str(tmp_path / "x.csv"), "--map", str(path)],
-        "campaign": ["sweep", str(path)],
-    }[kind]
-    (tmp_path / "x.csv").write_text("t_s,vx_V\n0,1\n1,2\n")
-    begin = time.monotonic()
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", *command], capture_output=True, text=True, timeout=100, cwd=tmp_path
-    )
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert "dots" in done.stderr
-    assert time.monotonic() - begin < 60.0
-
-
 @pytest.fixture(scope="module")
 def lease(service: Serving) -> Iterator[dict[str, str]]:
     taken = service.ask("POST", "/api/lease", json={"holder": "bounds", "seconds": 600}).json()["lease"]
@@ -116,7 +96,7 @@ def test_a_bench_file_as_text(service: Serving, lease: dict[str, str]) -> None:
 def test_bodies(service: Serving, lease: dict[str, str]) -> None:
     deep = "[" * 100_000
     bodies: list[tuple[str, bytes, tuple[int, ...]]] = [
-        ("/api/board/start", json.dumps({"note": "x" * (60 << 20)}).encode(), (413,)),
+        ("/api/board/start", json.dumps({"note": "x" * (8 << 20)}).encode(), (413,)),
         ("/api/ticket", b" " * (2 << 20), (413,)),
         ("/api/lease", deep.encode(), (400, 422)),
         ("/api/lease", b'{"holder": ' + b"1" * 5000 + b"}", (400, 422)),
@@ -183,28 +163,27 @@ def test_messages_of_the_live_connection(service: Serving) -> None:
     assert all(line and line.isprintable() and len(line) <= 400 for line in heard)
 
 
+@pytest.fixture(scope="module")
+def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a key, another one, and the certificate of that."""
+    folder = tmp_path_factory.mktemp("tls")
+    for name in ("key.pem", "other.pem"):
+        own_certificate(folder / "cert.pem", folder / name)
+    return folder
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("wrong", ["no file", "no certificate", "a pipe", "a folder", "another key", "a NUL"])
-def test_tls_files_that_cannot_be_used(tmp_path: Path, wrong: str) -> None:
-    certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-    for name in ("key.pem", "other.pem"):
-        subprocess.run(
-            [
-                *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"),
-                *("-keyout", str(tmp_path / name), "-out", str(certificate), "-days", "2", "-subj", "/CN=localhost"),
-            ],
-            check=True,
-            capture_output=True,
-        )
-    if wrong == "no file":
-        certificate.unlink()
-    elif wrong == "no certificate":
+def test_tls_files_that_cannot_be_used(tmp_path: Path, certificates: Path, wrong: str) -> None:
+    certificate, key = tmp_path / "cert.pem", certificates / "key.pem"
+    if wrong == "no certificate":
         certificate.write_text("x")
     elif wrong == "a pipe":
-        certificate.unlink()
         os.mkfifo(certificate)
     elif wrong == "a folder":
         certificate = tmp_path
+    elif wrong == "another key":
+        certificate = certificates / "cert.pem"
     options = ["--tls-cert", str(certificate), "--tls-key", str(key)]
     if wrong == "a NUL":
         from hil.service.serve import Where, serve
@@ -212,10 +191,7 @@ def test_tls_files_that_cannot_be_used(tmp_path: Path, wrong: str) -> None:
         with pytest.raises(InputError, match="--tls-cert"):
             serve(Where(tmp_path / "runs", 0, certificate=Path("a\0b"), key=key), lambda _: None)
         return
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", "serve", "--port", "0", "--folder", str(tmp_path / "runs"), *options],
-        capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
+    done = hil_says("serve", "--port", "0", "--folder", str(tmp_path / "runs"), *options)
     assert done.returncode == 2
     (line,) = [line for line in done.stderr.splitlines() if line.startswith("hil: ")]
     assert "--tls-cert" in line
@@ -339,7 +315,7 @@ def test_the_interface_for_people_is_made_from_what_there_is(service: Serving) -
 
 
 def test_an_orphaned_worker_says_nothing() -> None:
-    for module in ("hil.loop.worker", "hil.records.recorder"):
+    for module in ("hil.running.worker", "hil.running.recorder"):
         done = subprocess.run([sys.executable, "-m", module], stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
         assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
     assert hil

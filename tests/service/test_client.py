@@ -2,8 +2,6 @@
 
 import json
 import os
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,7 +10,8 @@ from prometheus_client.parser import text_string_to_metric_families
 
 import hil
 import hil.client
-from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
+from tests.forked import hil_says
+from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
 from tests.service.serving import Serving, serving
 
 
@@ -23,12 +22,6 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:
     unhurried_scenario(place / "unhurried.scenario.toml")
     with serving(place / "runs") as running:
         yield running
-
-
-def hil_says(*arguments: str) -> subprocess.CompletedProcess[str]:
-    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    command = [sys.executable, "-m", "hil", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=200, env=environment)
 
 
 @pytest.mark.slow
@@ -97,8 +90,9 @@ def test_top_says_what_the_board_does(bench: Serving) -> None:
 @pytest.mark.long
 def test_a_run_with_its_page(tmp_path: Path) -> None:
     out = tmp_path / "runs"
+    environment = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
     said = hil_says("run", "s-slow", "--link", "inproc:s-slow", "--clock", "lockstep", "--duration", "12",
-                    "--live", "--json", "--out", str(out))  # fmt: skip
+                    "--live", "--json", "--out", str(out), env=environment)  # fmt: skip
     assert said.returncode in (0, 1), said.stderr
     assert "#token=" in said.stderr
     assert json.loads(said.stdout)["samples"] == 48_000

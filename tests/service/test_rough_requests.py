@@ -39,7 +39,23 @@ LINKS = (
     "inproc:",
     "inproc:%2e%2e/x",
     "pickle:x",
+    "",
+    "tcp:a",
+    "inproc:no",
+    "pty:/etc/passwd",
+    "serial:../../x",
     "serial:\u202e0SUtty/ved/",
+)
+JOBS: tuple[Any, ...] = (
+    [],
+    7,
+    {"kind": "campaign"},
+    {"kind": "run"},
+    {"kind": "run", "bench": "../x"},
+    {"kind": "run", "bench": "s-slow", "name": "../x"},
+    {"kind": "trace", "run": "../x"},
+    {"kind": "pyramid", "record": "/etc/passwd"},
+    {"kind": "import", "upload": "../../x"},
 )
 BODIES: tuple[tuple[str, str, Any], ...] = (
     ("POST", "/api/board/drives", {"bench": "../../etc/passwd"}),
@@ -56,7 +72,7 @@ BODIES: tuple[tuple[str, str, Any], ...] = (
     ("POST", "/api/lease", {"holder": "x", "seconds": 1e300}),
     ("POST", "/api/jobs", {"kind": "run", "bench": "s-slow", "link": "serial:/dev/ttyS0"}),
     ("POST", "/api/jobs", {"kind": "run", "bench": "s-slow", "link": "pty:..", "seed": 2**63}),
-    ("POST", "/api/jobs", {"kind": "import", "upload": "../../x"}),
+    *(("POST", "/api/jobs", job) for job in JOBS),
     ("POST", "/api/jobs", {"kind": "sweep", "campaign": "\n" * 100}),
     ("POST", "/api/ticket", {"path": "/api/board/../runs/" + "../" * 50}),
     ("GET", "/api/runs?after=" + "A" * 5000, None),

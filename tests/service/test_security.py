@@ -4,15 +4,14 @@ import asyncio
 import http.client
 import json
 import ssl
-import subprocess
-import sys
 from pathlib import Path
 
 import httpx
 import pytest
 from websockets.asyncio.client import connect
 
-from tests.service.serving import Serving, serving
+from tests.forked import hil_says
+from tests.service.serving import Serving, own_certificate, serving
 
 FOREIGN = (
     "http://evil.example",
@@ -148,9 +147,8 @@ def test_read_only(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_listening_elsewhere_needs_tls_or_consent(tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "hil", "serve", "--port", "0", "--folder", str(tmp_path / "runs"), "--listen"]
     for address in ("0.0.0.0", "192.0.2.1", "::", "nowhere"):
-        done = subprocess.run([*command, address], capture_output=True, text=True, timeout=60)
+        done = hil_says("serve", "--port", "0", "--folder", str(tmp_path / "runs"), "--listen", address)
         assert done.returncode == 2
         assert "--listen" in done.stderr
         assert sum(line.startswith("hil: ") for line in done.stderr.splitlines()) == 1
@@ -163,15 +161,7 @@ def test_listening_elsewhere_needs_tls_or_consent(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_over_tls_requests_and_the_live_connection(tmp_path: Path) -> None:
     certificate, key = tmp_path / "cert.pem", tmp_path / "key.pem"
-    subprocess.run(
-        [
-            *("openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"),
-            *("-keyout", str(key), "-out", str(certificate), "-days", "2", "-subj", "/CN=localhost"),
-            *("-addext", "subjectAltName=IP:127.0.0.1,DNS:localhost"),
-        ],
-        check=True,
-        capture_output=True,
-    )
+    own_certificate(certificate, key, "-addext", "subjectAltName=IP:127.0.0.1,DNS:localhost")
     tls = ("--tls-cert", str(certificate), "--tls-key", str(key))
     with serving(tmp_path / "runs", "--listen", "127.0.0.1", *tls) as running:
         assert running.url.startswith("https://")

@@ -11,9 +11,10 @@ from hil.errors import InputError
 from hil.records.blocks import read_blocks
 from hil.records.capture import import_layout
 from hil.records.direct import DirectRecord
+from hil.records.frame import Frame
 from hil.records.pyramid import SHORT_ROWS, Pyramid, build, level_path
 from hil.records.stream import BlockWriter
-from hil.service.series import Frame, PyramidNeeded, channels, window
+from hil.service.series import PyramidNeeded, channels, window
 from tests.service.records import RATE_HZ, SCALE_MPS2, SCALE_V, layout, rows_at, write
 
 NAMES = ["capture.vx_V", "capture.vy_V", "capture.ux_mps2", "capture.uy_mps2"]
@@ -233,6 +234,11 @@ def test_a_frame_is_packed_as_agreed() -> None:
     values = np.frombuffer(data, "<f4", offset=40).reshape(2, 3, 2)
     np.testing.assert_array_equal(values[..., 0], low)
     np.testing.assert_array_equal(values[..., 1], high)
+    back = Frame.of(data)
+    assert (back.id, back.begin_s, back.step_s, back.first) == (7, 1.5, 0.25, 6)
+    np.testing.assert_array_equal([back.low, back.high], [low, high])
+    with pytest.raises(InputError, match="no frame"):
+        Frame.of(b"GYT2" + data[4:])
 
 
 def test_channels_are_named_as_the_library_names_them(folder: Path, gapped: npt.NDArray[np.int64]) -> None:

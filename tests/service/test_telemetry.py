@@ -18,15 +18,16 @@ from websockets.sync.client import connect
 
 from hil.boards.emulation import emulator
 from hil.records.capture import read_capture
+from hil.records.frame import Frame
 from hil.records.layout import TICK, Column, Layout
-from hil.records.ring import Ring
+from hil.running.ring import Ring
 from hil.service.telemetry.decimation import Roll
 from hil.service.telemetry.history import History
 from hil.service.telemetry.hub import Hub
 from hil.service.telemetry.tracks import Tracks
 from hil.service.telemetry.views import AskSpectrum, SpectrumView
-from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
-from tests.service.live_client import Frame, live
+from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
+from tests.service.live_client import live
 from tests.service.serving import Serving, serving
 
 pytestmark = pytest.mark.realtime  # of a board that follows a clock on the wall
@@ -131,9 +132,9 @@ def running(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Serving]:
 def together(frames: list[Frame]) -> tuple[int, np.ndarray, np.ndarray]:
     """First serial number, lowest and highest of frames that follow each other."""
     for before, after in pairwise(frames):
-        assert after.serial == before.serial + before.buckets
+        assert after.first == before.first + before.buckets
         assert after.begin_s == pytest.approx(before.begin_s + before.buckets * before.step_s)
-    return frames[0].serial, np.hstack([f.low for f in frames]), np.hstack([f.high for f in frames])
+    return frames[0].first, np.hstack([f.low for f in frames]), np.hstack([f.high for f in frames])
 
 
 def recorded(service: Serving, until_tick: int) -> tuple[np.ndarray, np.ndarray]:
@@ -156,7 +157,7 @@ def test_what_is_sent_is_what_is_recorded(running: Serving) -> None:
         while len(frames[3]) < 30 or len(frames[4]) < 8:
             received = client.receive()
             if isinstance(received, Frame):
-                frames[received.subscription].append(received)
+                frames[received.id].append(received)
     assert frames[3][0].step_s == 1.0 / RATE_HZ
     assert frames[4][0].step_s == 32 / RATE_HZ
     first, low, high = together(frames[3])
@@ -182,7 +183,7 @@ def test_a_trigger_holds_the_picture_still(running: Serving) -> None:
         values = frame.low[0]
         assert values[20] < 0.0 <= values[19]  # a fifth of the window lies before it
     assert len({frame.begin_s for frame in seen}) == 5
-    assert all(after.serial > before.serial for before, after in pairwise(seen))
+    assert all(after.first > before.first for before, after in pairwise(seen))
 
 
 @pytest.mark.long
@@ -193,8 +194,8 @@ def test_the_pattern_is_the_newest_periods_of_both_axes(running: Serving) -> Non
         time.sleep(0.5)
         frame = client.frame(2)
     assert frame.low.shape == (2, 60)  # three periods of 20 Hz
-    ticks, sense = recorded(running, frame.serial + 60)
-    at = int(np.searchsorted(ticks, frame.serial))
+    ticks, sense = recorded(running, frame.first + 60)
+    at = int(np.searchsorted(ticks, frame.first))
     np.testing.assert_allclose(frame.low.T, sense[at : at + 60], rtol=1e-6)
 
 

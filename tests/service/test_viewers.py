@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from websockets.sync.client import connect
 
-from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
+from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
 from tests.service.serving import serving
 
 pytest.importorskip("foxglove", reason="the extra `viewers` is not installed")

@@ -18,14 +18,14 @@ WAIT_S = 1800.0
 
 _SHOWN = re.compile(r"^    ((?:hil|sha256sum) .+?)(?:  .*)?$")
 _BOARD = "serial:/dev/pts/3"
-_SENSOR = "stim300:/dev/ttyUSB0"
+_SENSOR = "serial:/dev/ttyUSB0"
 _SERVES = {
     "hil emulate s-slow": (["-m", "hil", "emulate", "s-slow"], "ready "),
     "hil serve": (["-m", "hil", "serve", "--port", "0"], "http://127.0.0.1:"),
 }
 """What serves until it is told to end, as it is started here, and how its first line begins."""
-_NEEDS_ANOTHER = ("serial:/dev/ttyACM0", "my.bench.toml")
-"""Of a command that a board of one's own is needed for."""
+_NEEDS_ANOTHER = ("serial:/dev/ttyACM0", "my.bench.toml", "mount.toml")
+"""Of a command that a board, or several, of one's own are needed for."""
 _MAY_FAIL = ("run", "demo", "trace", "score", "compare", "doctor", "replay", "record")
 """Verbs that leave with 1 where their verdict is against what they looked at (docs/reference/cli.md)."""
 
@@ -70,7 +70,7 @@ def run(command: str, place: Path) -> Done:
             return _run(command.replace(_BOARD, url), place)
     if _SENSOR in command:
         with _served(["-m", "device_emulator.stim300"], "ready ") as url:
-            return _run(command.replace(_SENSOR, url), place)
+            return _run(command.replace(_SENSOR, f"serial:{url.partition(':')[2]}"), place)
     if command in _SERVES:
         begin = time.monotonic()
         with _served(*_SERVES[command], place) as url:

@@ -7,6 +7,7 @@ import numpy as np
 
 from estimator import diagnosis as traced
 from hil.numbers import count, significant
+from hil.records import diagnosis as written
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
 from hil.report.theme import FIRST, INK, MUTED, legend, new_figure
@@ -28,7 +29,9 @@ _SAYS = {
 }
 
 
-class _Bar(NamedTuple):
+class Bar(NamedTuple):
+    """A candidate: its name, what it gained or would gain, and its group."""
+
     name: str
     size: float
     group: str
@@ -36,12 +39,12 @@ class _Bar(NamedTuple):
 
 def evidence_figure(material: Material) -> Drawing | None:
     """Horizontal bars of the gain in log-likelihood, in groups: the gain of a fitted model is no predicted gain."""
-    bars = _bars(material.found)[:_MOST]
+    bars = bars_of(material.found)
     if len(bars) < 2:
         return None
     figure = new_figure(0.75 + 0.21 * len(bars))
     ax = figure.subplots()
-    _draw(ax, bars)
+    draw_bars(ax, bars)
     groups = [group for group in _LOOKS if any(bar.group == group for bar in bars)]
     caption = ". ".join(_SAYS[group] for group in groups) + "."
     if _UNFITTED in groups and len(groups) > 1:
@@ -54,20 +57,21 @@ def evidence_figure(material: Material) -> Drawing | None:
     return Drawing(figure, "Evidence for the candidates", caption, f"Bars, {listed}. {caption}")
 
 
-def _bars(found: traced.Diagnosis) -> list[_Bar]:
-    """By group, in each the largest first; named ones as they were taken."""
-    named = [_Bar(effect.name, effect.evidence, _NAMED) for effect in found.effects]
-    carried = [_Bar(one.name, one.gain, _FITTED) for one in found.rejected if one.gain is not None]
+def bars_of(found: traced.Diagnosis | written.Diagnosis) -> list[Bar]:
+    """By group, in each the largest first, as many as a figure holds; named ones as they were taken."""
+    named = [Bar(effect.name, effect.evidence, _NAMED) for effect in found.effects if effect.evidence is not None]
+    carried = [Bar(one.name, one.gain, _FITTED) for one in found.rejected if one.gain is not None]
     promised = [
-        _Bar(one.name, one.evidence, _UNFITTED)
+        Bar(one.name, one.evidence, _UNFITTED)
         for one in found.rejected
         if one.gain is None and one.evidence is not None
     ]
     largest = [sorted(group, key=lambda bar: -bar.size) for group in (carried, promised)]
-    return [bar for group in (named, *largest) for bar in group if math.isfinite(bar.size)]
+    return [bar for group in (named, *largest) for bar in group if math.isfinite(bar.size)][:_MOST]
 
 
-def _draw(ax: "Axes", bars: list[_Bar]) -> None:
+def draw_bars(ax: "Axes", bars: list[Bar]) -> None:
+    """Horizontal bars on a scale of powers of ten, each with its number."""
     sizes = [max(bar.size, 1.0) for bar in bars]
     rows = np.arange(len(bars))[::-1]
     for group, look in _LOOKS.items():

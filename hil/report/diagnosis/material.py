@@ -8,15 +8,11 @@ import numpy as np
 
 from estimator import diagnosis as traced
 from estimator.missing_force.result import MissingForce
-from estimator.observer import Observer
 from estimator.record import Record
-from estimator.residual.demodulation import Demodulated, Motion, demodulate, motion
 from estimator.residual.spectrum import density
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from hil.records.diagnosis import Diagnosis
-
-_FEWEST_CYCLES = 160.0  # of a record whose residual is shown against the motion
 
 
 @dataclass(frozen=True)
@@ -65,24 +61,3 @@ class Material:
         frequency, before = density(self.found.residual_before.innovation[rows], self.sample_rate_Hz)
         _, after = density(self.found.residual_after.innovation[rows], self.sample_rate_Hz)
         return frequency, before, after
-
-    @cached_property
-    def moving(self) -> Motion | None:
-        """The vibration as the model as it was sees it; None where there is too little of it, or nothing moves."""
-        cycle = self.sample_rate_Hz / self.resonance_Hz
-        if (len(self.record) - self.settled) < _FEWEST_CYCLES * cycle:
-            return None
-        record = self.record
-        every = max(int(cycle / 4.0), 1)
-        estimates = Observer(self.device, self.settings).run(record.sense, record.drive, step=record.step, every=every)
-        if not np.all(np.isfinite(estimates.state)):
-            return None
-        return motion(estimates, len(record), cycle)
-
-    def demodulated(self, residual: traced.Residual) -> Demodulated | None:
-        """A residual in step with the vibration, from where the observer has settled."""
-        if self.moving is None:
-            return None
-        rows = slice(self.settled, None)
-        seen = Motion(self.moving.phasor[rows], self.moving.amplitude[rows], self.moving.angle[rows])
-        return demodulate(residual.innovation[rows], seen, self.sample_rate_Hz / self.resonance_Hz)

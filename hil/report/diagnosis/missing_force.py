@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from estimator.missing_force.result import MissingForce
-from estimator.missing_force.surfaces import Panel, fast, slow
 from hil.numbers import prefix_for
 from hil.report.diagnosis.material import Material
+from hil.report.diagnosis.surfaces import Panel, fast, slow
 from hil.report.figures.drawing import Drawing
 from hil.report.theme import FIRST, MUTED, SECOND, new_figure
 

@@ -9,13 +9,12 @@ from estimator import diagnosis as traced
 from estimator.missing_force.result import MissingForce
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
-from hil.numbers import count, quantity, sensed, significant
+from hil.numbers import count, quantity, sensed, significant, with_and
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
 from hil.report import markup
 from hil.report.diagnosis import force_table, missing_force, tables
-from hil.report.diagnosis.dependence import dependence_figure
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.evidence import evidence_figure
 from hil.report.diagnosis.intervals import intervals_figure
@@ -71,7 +70,6 @@ class Pictures:
     effect: str = ""
     error: str = ""
     force: str = ""
-    residual: str = ""
     candidates: str = ""
 
 
@@ -104,7 +102,6 @@ def render(material: Material, facts: Sequence[str] = (), command: str | None = 
         + figures.add(lambda: held_out_spectrum_figure(material)),
         force=figures.add(lambda: missing_force.draw_fast(material))
         + figures.add(lambda: missing_force.draw_slow(material)),
-        residual=figures.add(lambda: dependence_figure(material)),
         candidates=figures.add(lambda: evidence_figure(material)),
     )
     diagnosis = material.diagnosis
@@ -136,7 +133,7 @@ def page_of(
         *diagnosis.undetermined,
         *map(tables.probable, diagnosis.probabilities),
     )
-    why = (markup.paragraph(_sentence(reason)) for reason in said)
+    why = (markup.paragraph(markup.sentence(reason)) for reason in said)
     partly = diagnosis.verdict == "partly explained"
     error = "Error before and after" if diagnosis.effects else "Error"
     sections = [
@@ -154,9 +151,7 @@ def page_of(
         markup.section("error", error, tables.fits(diagnosis), pictures.error),
         markup.section("force", "The missing force, without a name", *_force(diagnosis, pictures.force)),
         markup.section("left", "What is left", tables.findings(diagnosis.left, diagnosis.sense_unit)),
-        markup.section(
-            "residual", _held(diagnosis), tables.findings(diagnosis.findings, diagnosis.sense_unit), pictures.residual
-        ),
+        markup.section("residual", _held(diagnosis), tables.findings(diagnosis.findings, diagnosis.sense_unit)),
         markup.section("alike", "What this record does not separate", tables.separations(diagnosis)),
         markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
         markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
@@ -180,7 +175,7 @@ def headline(diagnosis: Diagnosis) -> str:
     titles = [effect.title[0].lower() + effect.title[1:].rstrip(".") for effect in diagnosis.effects]
     before, after = diagnosis.held_out.before.ratio, diagnosis.held_out.after.ratio
     partly = diagnosis.verdict == "partly explained"
-    said = f"Something acts like: {_listed(titles)}" if partly else f"The model lacks: {_listed(titles)}"
+    said = f"Something acts like: {with_and(titles)}" if partly else f"The model lacks: {with_and(titles)}"
     if partly and diagnosis.share is None:
         said += "; without it a constant of the model is one that the device cannot have, and the residual is the noise"
     elif before is not None and after is not None:
@@ -193,7 +188,7 @@ def headline(diagnosis: Diagnosis) -> str:
         said += f", {significant(100.0 * diagnosis.share)} % of its power above the floor"
     if diagnosis.separations:
         others = sorted({pair.with_.replace("_", " ") for pair in diagnosis.separations})
-        said += f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be told from {_listed(others)}"
+        said += f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be told from {with_and(others)}"
     return said
 
 
@@ -201,12 +196,7 @@ def _force(diagnosis: Diagnosis, picture: str) -> tuple[str, ...]:
     found = diagnosis.missing_force
     if found is None:
         return ()
-    return markup.paragraph(_sentence(found.text)), force_table.coefficients(found), picture
-
-
-def _listed(words: Sequence[str]) -> str:
-    *others, last = words
-    return f"{', '.join(others)} and {last}" if others else last
+    return markup.paragraph(markup.sentence(found.text)), force_table.coefficients(found), picture
 
 
 def _held(diagnosis: Diagnosis) -> str:
@@ -225,7 +215,7 @@ def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
         key = f" <code>[effects.{escape(effect.name)}]</code>" if declarable else ""
         left = effect.angle_bound_rad
         rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
-        remedy = _sentence(("Once declared: " if declarable else "Compensation: ") + effect.undone + rest)
+        remedy = markup.sentence(("Once declared: " if declarable else "Compensation: ") + effect.compensation + rest)
         parts.append(
             f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation" tabindex="0">{lines}</div>'
             f"{markup.paragraph(remedy)}"
@@ -265,8 +255,3 @@ def _bench_text(folder: Path) -> str:
 
 def _rms(value: float | None, unit: str) -> str:
     return "" if value is None else f"{sensed(value, unit)} rms"
-
-
-def _sentence(text: str) -> str:
-    first = text.split(" ", 1)[0]
-    return (text if "_" in first else text[:1].upper() + text[1:]).rstrip(".") + "."

@@ -5,9 +5,8 @@ import numpy as np
 from hil.numbers import prefix_for, quantity, significant
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, plain_log_ticks, stacked
-
-_MOST = 9
+from hil.report.figures.spectrum import mark_multiples
+from hil.report.theme import FIRST, INK, SECOND, legend, plain_log_ticks, stacked
 
 
 def held_out_spectrum_figure(material: Material) -> Drawing | None:
@@ -35,18 +34,7 @@ def held_out_spectrum_figure(material: Material) -> Drawing | None:
         ax.set_ylim(min(*low, floors[axis] * factor) / 1.4, max(*high, floors[axis] * factor) * 3.0)
         plain_log_ticks(ax.yaxis)
         ax.set_ylabel(f"ν{'xy'[axis]} / ({prefix}{own}/√Hz)")
-        for order in range(1, _MOST + 1):
-            if order * resonance < 0.98 * rate / 2:
-                ax.axvline(order * resonance, color=MUTED, linewidth=0.7, dashes=(1, 2))
-                ax.annotate(
-                    "f₀" if order == 1 else f"{order} f₀",
-                    (order * resonance, 1.0),
-                    xycoords=ax.get_xaxis_transform(),
-                    xytext=(2, -8),
-                    textcoords="offset points",
-                    color=MUTED,
-                    fontsize=8,
-                )
+        mark_multiples(ax, resonance, 0.98 * rate / 2, most=9)
         ax.set_xlim(0, rate / 2)
     legend(panels[0])
     panels[-1].set_xlabel("frequency / Hz")

@@ -137,12 +137,11 @@ def findings(found: Sequence[Finding], unit: str = "V") -> str:
             finding.text,
             "" if finding.size_V is None else sensed(finding.size_V, unit),
             "" if finding.significance is None else significant(finding.significance, 2),
-            ", ".join(_plain(name) for name in finding.points_at[:3]) + (" …" if len(finding.points_at) > 3 else ""),
         )
         for finding in found
     ]
     caption = "Largest first; σ: significance, with all the places looked at allowed for"
-    return table(caption, ("in the residual", "rms", "σ", "points at"), rows, (1, 2)) if rows else ""
+    return table(caption, ("in the residual", "rms", "σ"), rows, (1, 2)) if rows else ""
 
 
 def separations(diagnosis: Diagnosis) -> str:

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from estimator.spans import spans
 from hil.numbers import prefix_for, quantity, significant
 from hil.records.coverage import COVERAGE
 from hil.records.estimates import Estimates
@@ -45,12 +46,13 @@ def angle_figure(material: Material) -> Drawing | None:
     if reference is not None:
         above.plot(*apart.line(len(curves)), color=INK, linewidth=4, alpha=0.22, label=reference.name)
     above.plot(*whole.line(_ANGLE), color=FIRST, label="reported angle φ")
-    expanded = "angle_u_rad" in estimates
+    # A plug-in may leave its uncertainty out.
+    expanded = "angle_u_rad" in estimates and bool(np.isfinite(whole.high[:, _EXPANDED]).any())
     if expanded:
         above.fill_between(*whole.band(_LOWER, _UPPER), color=FIRST, alpha=0.18, linewidth=0)
     above.set_ylabel("angle / rad")
     invalid = whole.high[:, _INVALID] > 0
-    for start, stop in _spans(invalid):
+    for start, stop in spans(invalid):
         above.axvspan(whole.t_s[start], whole.t_s[stop - 1], ymax=0.035, color=BAD, linewidth=0)
     legend(above)
     against = "φ" if reference is None else reference.name
@@ -107,9 +109,3 @@ def _differences(material: Material, curves: tuple[_Curve, ...]) -> PixelSeries:
         return [*differences, along - origin + angle[0]]
 
     return material.compared(reference, series)
-
-
-def _spans(mask: np.ndarray) -> list[tuple[int, int]]:
-    """Runs of True as [start, stop)."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(start), int(stop)) for start, stop in edges.reshape(-1, 2)]

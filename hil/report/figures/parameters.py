@@ -61,11 +61,16 @@ def parameters_figure(material: Material) -> Drawing | None:
     for ax in grid[-1, : len(panels) - (rows - 1) * columns]:
         ax.set_xlabel("time / s")
     zero = " or ".join(sorted({panel.zero for panel in panels if panel.zero is not None}, reverse=True))
-    caption = f"{f'Deviation from {zero}. ' if zero else ''}Line: estimate, band: its 95 % interval."
+    caption = f"{f'Deviation from {zero}. ' if zero else ''}Line: estimate, band: its 95 % interval{_unsaid(material)}."
     if zero and "kxy_per_s2" in estimates:
         caption += " Cross terms are counted in the mean of the diagonal ones."
     ends = "; ".join(f"{panel.title} {_ended(panel)} {panel.unit}" for panel in panels)
     return Drawing(figure, "Parameters", caption, f"One panel per constant over time. At the end: {ends}.")
+
+
+def _unsaid(material: Material) -> str:
+    without = any(one.half is None for one in material.result.parameters.values())
+    return ", where the observer gives one" if without else ""
 
 
 def _ended(panel: _Panel) -> str:
@@ -88,7 +93,7 @@ def _panel(material: Material, estimates: Estimates, name: str) -> _Panel:
     scale = 1.0 if known is None else _scale(material, name, reference)
 
     def series(part: Estimates) -> list[Floats]:
-        deviation, half = (part[name] - reference) / scale, SD_95 * part.sd(name) / scale
+        deviation, half = (part[name] - reference) / scale, SD_95 * np.nan_to_num(part.sd(name)) / scale
         return [deviation, deviation - half, deviation + half]
 
     drawn = material.drawn(series, since_s=_settled_s(material, estimates), columns=_PIXELS)

@@ -24,9 +24,11 @@ class Left:
 
 
 def prediction_figure(material: Material) -> Drawing | None:
-    """The last cycles of the run, predicted a sample ahead by the observer that ran in the loop."""
+    """The last cycles of the run, predicted a sample ahead by the observer that ran in the loop; demodulated streams
+    show no cycle.
+    """
     capture, innovation, resonance = material.capture, material.innovation, material.resonance_Hz
-    if capture is None or innovation is None or resonance is None:
+    if capture is None or capture.carrier_Hz is not None or innovation is None or resonance is None:
         return None
     size = window(innovation.tick_rate_Hz / resonance)
     last = innovation.part(max(len(innovation) - size, 0), len(innovation))

@@ -41,9 +41,11 @@ def rate_figure(material: Material) -> Drawing | None:
     else:
         figure, (above,) = stacked(2.3, (1.0,))
         above.fill_between(*whole.band(_LOWER, _UPPER), color=FIRST, alpha=0.18, linewidth=0)
-        fit_to(above, held.low[[_LOWER]], held.high[[_UPPER]])
+        fit_to(above, np.fmin(held.low[[_LOWER]], held.low[[_RATE]]), np.fmax(held.high[[_UPPER]], held.high[[_RATE]]))
         span_time([above], span, material.settle_s)
-        caption = "Estimated rate; the band is the observer's 95 %."
+        given = bool(np.isfinite(held.high[_UPPER]))
+        band = "the band is the observer's 95 %" if given else "its uncertainty is not given"
+        caption = f"Estimated rate; {band}."
     above.plot(*whole.line(_RATE), color=FIRST, label="estimated rate Ω")
     above.set_ylabel("rate / (rad/s)")
     legend(above)
@@ -86,9 +88,11 @@ def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: Pi
     ends = np.clip([held.low[_ERROR], held.high[_ERROR]], -reach, reach)
     fit_to(ax, np.array([*ends, -held.high[_HALF], held.high[_HALF]]) * factor)
     legend(ax)
+    given = bool(np.isfinite(held.high[_HALF]))
+    inside = f"{percent(float(held.mean[_INSIDE]))} of it inside the 95 % band of the observer"
     caption = (
         f"Above, the rate; below, the difference from {reference.name}: {quantity(float(held.rms[_ERROR]), 'rad/s')} "
-        f"rms, {percent(float(held.mean[_INSIDE]))} of it inside the 95 % band of the observer."
+        f"rms, {inside if given else 'whose uncertainty the observer has not given'}."
     )
     beyond = f" The largest, {quantity(largest, 'rad/s')}, runs out of the panel."
     return caption + beyond if largest > reach else caption

@@ -22,7 +22,8 @@ def signals_figure(material: Material) -> Drawing | None:
     drives = [("drive", _DRIVE_UNITS[capture.drive_unit])] if capture.has_drive else []
     names = [("sensed", capture.sense_unit), *drives]
     figure = new_figure(0.5 + 1.2 * len(names))
-    grid = figure.subplots(len(names), capture.axes, sharex=True, sharey="row", squeeze=False)
+    titles = "xy"[: capture.axes] if capture.carrier_Hz is None else ("x, X", "y, X", "x, Y", "y, Y")
+    grid = figure.subplots(len(names), len(titles), sharex=True, sharey="row", squeeze=False)
 
     def parts() -> Iterator[tuple[Floats, Floats]]:
         for piece in capture.pieces():
@@ -30,16 +31,16 @@ def signals_figure(material: Material) -> Drawing | None:
 
     last = len(capture) - 1
     span = float(capture.part(0, 1).t_s[0]), float(capture.part(last, last + 1).t_s[0])
-    drawn = pixel_series(parts(), span, len(capture), -math.inf, 700 // capture.axes)
+    drawn = pixel_series(parts(), span, len(capture), -math.inf, 700 // len(titles))
     words = []
     for row, (panels, (name, unit)) in enumerate(zip(grid, names, strict=True)):
-        columns = range(row * capture.axes, (row + 1) * capture.axes)
+        columns = range(row * len(titles), (row + 1) * len(titles))
         size = max(drawn.held.size(column) for column in columns)
         factor, label = unit_for(size, unit) if name == "sensed" else _prefixed(size, unit)
         for axis, (ax, column) in enumerate(zip(panels, columns, strict=True)):
             edges = drawn.band(column, column, factor)
-            ax.fill_between(*edges, color=AXIS_COLOURS[axis], alpha=0.5, linewidth=0.4)
-            ax.set_title(f"{name} {'xy'[axis]}")
+            ax.fill_between(*edges, color=AXIS_COLOURS[axis % 2], alpha=0.5, linewidth=0.4)
+            ax.set_title(f"{name} {titles[axis]}")
         panels[0].set_ylabel(label)
         rms = drawn.held.rms[list(columns)]
         words.append(f"{name} {' and '.join(significant(float(value)) for value in rms)} {unit} rms")

@@ -44,7 +44,7 @@ def innovation_spectrum_figure(material: Material) -> Drawing | None:
     ax.axhline(floor * factor, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
     caption = f"Amplitude spectral density of the scored window (Welch, {segment} samples a segment, gaps left out)."
     if material.resonance_Hz is not None:
-        marked = _mark(ax, material.resonance_Hz, rate_Hz / 2)
+        marked = mark_multiples(ax, material.resonance_Hz, rate_Hz / 2)
         high = [n for n in marked if _peak(frequency, density, n * material.resonance_Hz) > _STANDS_OUT * floor]
         where = f"At {', '.join(_multiple(n) for n in high)}" if high else "At none of them"
         stands = "the innovation stands" if high else "does the innovation stand"
@@ -105,9 +105,9 @@ def _segment(rows: int) -> int:
     return int(min(_LONGEST_SEGMENT, 2 ** int(np.log2(quarter))))
 
 
-def _mark(ax: "Axes", resonance_Hz: float, highest_Hz: float) -> list[int]:
-    """Dotted lines at the multiples below `highest_Hz`; returns which."""
-    multiples = [n for n in range(1, _MOST_LINES + 1) if n * resonance_Hz < highest_Hz]
+def mark_multiples(ax: "Axes", resonance_Hz: float, highest_Hz: float, most: int = _MOST_LINES) -> list[int]:
+    """Dotted lines at the multiples of a resonance below `highest_Hz`; returns which."""
+    multiples = [n for n in range(1, most + 1) if n * resonance_Hz < highest_Hz]
     for n in multiples:
         ax.axvline(n * resonance_Hz, color=MUTED, linewidth=0.7, dashes=(1, 2))
         ax.annotate(

@@ -31,7 +31,8 @@ def turnaround_figure(material: Material) -> Drawing | None:
         return None
     least, p50, p99, p999, most = ranked
     found = Percentiles(p50=p50, p99=p99, p999=p999)
-    bare, deadline = material.result.bare_turnaround_us, timing.deadline_us
+    result, deadline = material.folder.result, timing.deadline_us  # which may come after the figures
+    bare = None if result is None else result.bare_turnaround_us
     marks = [found.p50, found.p99, found.p999, most, least]
     marks += [deadline] if deadline else []
     marks += [bare.p50, bare.p999] if bare else []

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from estimator.rate_sensor.noise import FLOOR, TOLD_CLUSTERS
+from estimator.allan.noise import FLOOR, TOLD_CLUSTERS
 from hil.report.figures.drawing import Drawing
 from hil.report.sensor.material import SensorMaterial
 from hil.report.sensor.panels import legend_of_all, side_by_side
@@ -14,7 +14,7 @@ from hil.report.theme import FIRST, INK, MUTED, SECOND, plain_log_ticks
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from estimator.rate_sensor.noise import Noise
+    from estimator.allan.noise import Noise
 
 
 def allan_figure(material: SensorMaterial) -> Drawing | None:

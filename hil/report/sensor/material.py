@@ -6,8 +6,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from estimator.rate_sensor.allan import allan_deviation
-from estimator.rate_sensor.noise import Noise, read_noise
+from estimator.allan.deviation import allan_deviation
+from estimator.allan.noise import Noise, read_noise
 from hil.errors import InputError
 from hil.records.capture import Capture
 from hil.records.rates import rates_rad_s

@@ -32,7 +32,7 @@ def render(material: SensorMaterial) -> str:
     """The page as text."""
     figures = Figures()
     result = material.result
-    remarks = "".join(markup.paragraph(_sentence(remark)) for remark in (*result.reasons, *result.remarks))
+    remarks = "".join(markup.paragraph(markup.sentence(remark)) for remark in (*result.reasons, *result.remarks))
     sections = [
         markup.section(
             "recorded", "What was recorded", markup.paragraph(words.recorded(material)), tables.axes(material)
@@ -118,7 +118,3 @@ def _missing(material: SensorMaterial) -> str:
 
 def _paragraph(text: str) -> str:
     return markup.paragraph(text) if text else ""
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:].rstrip(".") + "."

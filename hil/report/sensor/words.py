@@ -1,10 +1,9 @@
 """What the numbers of a recorded rate sensor say, in sentences."""
 
 import math
-from collections.abc import Iterable
 
-from estimator.rate_sensor.noise import LEAST_POINTS, Noise, Reading, Term
-from hil.numbers import count, quantity, significant
+from estimator.allan.noise import LEAST_POINTS, Noise, Reading, Term
+from hil.numbers import count, quantity, significant, with_and
 from hil.report.sensor.material import SensorMaterial
 
 PER_HOUR = 3600.0 * math.degrees(1.0)
@@ -24,8 +23,8 @@ NAMES: dict[Term, tuple[str, str, float]] = {
 
 METHOD = (
     "Overlapping Allan deviation, read as IEEE Std 952-1997, Annex C, has it: angle random walk N where the curve "
-    "falls as N/√τ, bias instability B from its lowest place, which is 0.664 B. Bands and intervals are 95 %, from the "
-    "number of clusters of each length in the record; nothing is read off where there are fewer than ten. Everything "
+    "falls as N/√τ, bias instability B from its lowest place, which is 0.664 B. Bands and intervals are 95 %, by the "
+    "equivalent degrees of freedom of the noise at each length; nothing is read off with fewer than ten clusters. All "
     "that moves the output counts as noise here, a turning sensor and a warming one too: the figures are the sensor's "
     "only if it stood still."
 )
@@ -59,7 +58,7 @@ def moved(material: SensorMaterial) -> str:
         channel = material.sensor.channels[axis]
         times = channel.sd_rad_s / (channel.noise_rad_s or math.inf)
         parts.append(f"{axis} by {significant(times)} times")
-    return f"The output spreads wider than its white noise, {listed(parts)}: the sensor turned, vibrated or drifted."
+    return f"The output spreads wider than its white noise, {with_and(parts)}: the sensor turned, vibrated or drifted."
 
 
 def noise(material: SensorMaterial) -> list[str]:
@@ -115,9 +114,3 @@ def length(seconds: float) -> str:
     if seconds < 5400.0:
         return f"{significant(seconds / 60.0)} min"
     return f"{significant(seconds / 3600.0)} h"
-
-
-def listed(words: Iterable[str]) -> str:
-    """`a, b and c`."""
-    *others, last = words
-    return f"{', '.join(others)} and {last}" if others else last

@@ -5,6 +5,7 @@ process of its own, with a limit: the opening of a link, what is said on it, the
 wait for it.  While the loop runs, nothing here touches the link.
 """
 
+import logging
 import queue
 import socket
 import threading
@@ -18,11 +19,11 @@ from typing import TYPE_CHECKING, Any
 from hil.boards.emulation import Served
 from hil.errors import InputError
 from hil.errors.ending import line_of
-from hil.loop.live_settings import in_force
-from hil.loop.request import RunRequest
-from hil.loop.stops import reason_name
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
+from hil.running.live_settings import in_force
+from hil.running.request import RunRequest
+from hil.running.stops import reason_name
 from hil.service.board.link_process import LinkProcess
 from hil.service.board.messages import NOBODY
 from hil.service.board.opening import PATIENCE_S, Opening
@@ -33,6 +34,7 @@ from hil.wire.messages import SafeReason, State
 if TYPE_CHECKING:
     from hil.records.result import Result
 
+_LOG = logging.getLogger("hil.service")
 _ASK_EVERY_S = 0.2
 _SAFE_S = 0.6  # for a board without a loop to say that it is SAFE
 _OWED_S = 0.6  # for a link to be there again, through which SAFE can be said
@@ -58,7 +60,7 @@ class HeldBoard:
 
     def __init__(self, told: Told) -> None:
         self._told = told
-        self._jobs: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], None], Answer]] = queue.SimpleQueue()
         self._lock = threading.Lock()
         self._state: dict[str, Any] = dict(NOBODY)
         self._stack = ExitStack()
@@ -97,22 +99,22 @@ class HeldBoard:
 
     def connect(self, link: LinkName, answer: Answer) -> None:
         """Open `link`, look at the board; nothing is armed."""
-        self._jobs.put(lambda: self._connect(link, answer))
+        self._jobs.put((lambda: self._connect(link, answer), answer))
 
     def disconnect(self, answer: Answer) -> None:
         """Let the link go, or give up its opening; a board that was started for it ends."""
-        self._jobs.put(lambda: self._answered(answer, self._disconnect))
+        self._jobs.put((lambda: answer({"said": self._disconnect()}), answer))
 
     def start(self, start: Start, answer: Answer) -> None:
         """Begin a run; the answer comes when the loop's process has begun, or could not."""
-        self._jobs.put(lambda: self._start(start, answer))
+        self._jobs.put((lambda: self._start(start, answer), answer))
 
     def safe(self, answer: Answer) -> None:
         """SAFE, now: the loop is told by a signal, a board without one from here. While a loop runs the answer says
         only that it was told; what the board says to it comes over the loop's own line.
         """
         if not self._tell_loop():
-            self._jobs.put(lambda: self._safe(answer))
+            self._jobs.put((lambda: self._safe(answer), answer))
             return
         answer({"said": {"told": True, "loop": True}})
 
@@ -133,7 +135,7 @@ class HeldBoard:
         """Let the link go, once no run is under way; waits for it."""
         if self._running is not None:
             self._running.join()
-        self._jobs.put(self._end)
+        self._jobs.put((self._end, _nobody))
         self._thread.join()
 
     def _tell_loop(self) -> bool:
@@ -149,7 +151,7 @@ class HeldBoard:
         return True
 
     def _begun(self, answer: dict[str, Any]) -> None:
-        """Answer whoever asked for the start, once."""
+        """Answer the request for the start, once."""
         with self._lock:
             starting, self._starting = self._starting, _nobody
         starting(answer)
@@ -159,21 +161,22 @@ class HeldBoard:
     def _work(self) -> None:
         while not self._ended:
             try:
-                self._jobs.get(timeout=_ASK_EVERY_S)()
+                work, answer = self._jobs.get(timeout=_ASK_EVERY_S)
             except queue.Empty:
-                self._see_to_it()
+                work, answer = self._see_to_it, _nobody
+            try:
+                work()
+            except (InputError, WireError, OSError) as error:
+                answer({"refused": line_of(error)})
+            except Exception as error:  # noqa: BLE001 - what comes next may be SAFE, for which this thread must be there
+                _LOG.exception("the thread that holds the board")
+                answer({"refused": line_of(error)})
 
     def _end(self) -> None:
-        self._disconnect()
-        self._ended = True
-
-    def _answered(self, answer: Answer, work: Callable[[], dict[str, Any]]) -> None:
         try:
-            said = work()
-        except (InputError, WireError, OSError) as error:
-            answer({"refused": line_of(error)})
-        else:
-            answer({"said": said})
+            self._disconnect()
+        finally:
+            self._ended = True
 
     def _connect(self, link: LinkName, answer: Answer) -> None:
         if self.busy:
@@ -193,7 +196,7 @@ class HeldBoard:
         )  # fmt: skip
 
     def _put_opened(self, opening: Opening) -> None:
-        self._jobs.put(lambda: self._opened(opening))
+        self._jobs.put((lambda: self._opened(opening), self._connecting or _nobody))
 
     def _opened(self, opening: Opening) -> None:
         if opening is not self._opening:  # given up meanwhile
@@ -367,7 +370,7 @@ class HeldBoard:
         self._running.start()
 
     def _run(self, start: Start) -> None:
-        from hil.loop.run import Interrupted, run
+        from hil.running.run import Interrupted, run
 
         link = self._link
         assert link is not None

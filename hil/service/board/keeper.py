@@ -7,6 +7,7 @@ loop, which this process is the parent of; when this process dies, the kernel te
 SAFE.  Without a service for a while and without a run it ends by itself.
 """
 
+import faulthandler
 import json
 import os
 import selectors
@@ -19,10 +20,10 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from hil.loop.request import RunRequest
 from hil.records.changes import note_change
+from hil.running.request import RunRequest
 from hil.service.board.held_board import HeldBoard, Start
-from hil.service.board.messages import LARGEST, LOOP, Message, in_folder, receive, send
+from hil.service.board.messages import LARGEST, LOOP, STACKS, Message, in_folder, receive, send
 from hil.wire.link_name import parse_link
 
 _ALONE_S = 15.0  # without a service and without a run
@@ -234,6 +235,7 @@ class _Keeper:
 
 def main() -> None:
     """Hold a board until told to end."""
+    faulthandler.register(STACKS, all_threads=True)
     _Keeper(Path(sys.argv[1])).serve()
 
 

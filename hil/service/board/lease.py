@@ -83,7 +83,7 @@ class Leases:
         self._told()
 
     def end(self) -> None:
-        """The lease ends, whoever has it."""
+        """The lease ends, whatever client has it."""
         self._held = None
         self._expire()
         self._told()

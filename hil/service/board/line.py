@@ -17,7 +17,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any
 
-from hil.service.board.messages import LOOP, NOBODY, Message, in_folder, receive, send
+from hil.service.board.messages import LOOP, NOBODY, STACKS, Message, in_folder, receive, send
 from hil.service.problems import Problem
 
 _START_S = 20.0
@@ -76,8 +76,12 @@ class BoardLine:
             send(self._socket, {"n": number, "do": do, **what})
             message = await asyncio.wait_for(answered, patience_s)
         except TimeoutError:
+            with suppress(OSError):
+                os.kill(self._peer, STACKS)
             raise Problem(
-                503, f"the process that holds the board does not answer to {do!r}", "look at its log"
+                503,
+                f"the process that holds the board does not answer to {do!r}",
+                f"{self._log.name} of the service says where its threads are",
             ) from None
         except OSError:
             raise Problem(503, "the process that holds the board is gone", "POST /api/board/connect") from None

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from hil.bench import Bench, load_any_bench
 from hil.errors import InputError
-from hil.sensors.adapter import find_port
+from hil.sensors.port import find_port
 from hil.service.bench_files import files, found
 from hil.service.service import Service
 from hil.wire.errors import LinkError
@@ -50,7 +50,11 @@ def allowed(service: Service, text: str) -> LinkName:
 def require_sensor(link: str) -> None:
     """InputError where a request may not name that link of a sensor: no adapter of that name, no serial port here."""
     port = find_port(link)
-    if not is_port(port.path):
+    if port.kind == "can":
+        bus = parse_link(port.path)
+        if not isinstance(bus, CanInterface) or bus.channel not in (name for _, name in socket.if_nameindex()):
+            raise InputError(f"{link}: no CAN interface of this machine; bring it up")
+    elif port.kind != "serial" or not is_port(port.path):
         raise InputError(f"{link}: {port.path} is no serial port of this machine; connect the sensor")
 
 
@@ -81,7 +85,7 @@ def _told_terminals() -> Iterator[int]:
 
 
 def _of_benches(folder: Path) -> Iterator[LinkName]:
-    """Links that the bench files of this bench name: whoever wrote these operates it."""
+    """Links that the bench files of this bench name: their author operates it."""
     for path in files(folder, "bench").values():
         with suppress(InputError, LinkError):
             bench = load_any_bench(path)

@@ -8,6 +8,7 @@ process, {"run": …} when one has ended.
 
 import json
 import os
+import signal
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -19,6 +20,9 @@ LARGEST = 1 << 17
 
 LOOP = "loop"
 """Message that brings the loop's process; SIGTERM to it is SAFE."""
+
+STACKS = signal.SIGUSR1
+"""Has the process that holds the board write into its log where each of its threads is."""
 
 Message = dict[str, Any]
 

@@ -1,6 +1,6 @@
 """The opening of a link: it takes as long as it takes, in a thread and a process of its own, and can be given up.
 
-An emulated board is started first, which on a machine that has not compiled it yet takes minutes.
+An emulated board is started first.
 """
 
 import threading
@@ -21,7 +21,7 @@ OPEN_S = 15.0
 """For a link to be opened, the start of the process that does it included."""
 CONNECT_S = 2.0
 PATIENCE_S = 0.35  # for an answer of a board that nobody drives
-_COMPILE_S = 300.0  # for a board in this machine's own processes
+_IN_PROCESS_S = 60.0  # for a board in this machine's own processes
 
 
 class Opening:
@@ -102,7 +102,7 @@ class Opening:
             if self._given_up:
                 raise LinkError("given up")
             self.process = LinkProcess()
-        self.process.open(self.board.url, _COMPILE_S if inproc else OPEN_S)
+        self.process.open(self.board.url, _IN_PROCESS_S if inproc else OPEN_S)
         if inproc:  # nothing to hold: the loop has a board of its own
             self.process.close()
             self.process = None

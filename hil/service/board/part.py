@@ -10,10 +10,10 @@ from typing import Any
 
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.loop.drives import Fact, digest, drives, in_one_line
-from hil.loop.live_settings import Settings, at_once, with_settings
-from hil.loop.options import RunOptions
-from hil.loop.request import RunRequest, request_of, require_consent
+from hil.running.drives import Fact, digest, drives, in_one_line
+from hil.running.live_settings import Settings, at_once, with_settings
+from hil.running.options import RunOptions
+from hil.running.request import RunRequest, request_of, require_consent
 from hil.service.bench_files import found
 from hil.service.board.lease import Leases
 from hil.service.board.line import BoardLine
@@ -23,7 +23,7 @@ from hil.service.problems import Problem
 from hil.service.service import Service
 
 _SAFE_S = 2.0  # for the board to say so; then the answer says that it has not
-_START_S = 600.0  # the first start on a machine compiles, which takes minutes on a busy one
+_START_S = 180.0  # a law of one's own is compiled at the start, on a machine that may be busy
 _END_S = 90.0  # for record, figures and report of a run that ends with the service
 _CUT = "if it still drives, cut its supply"
 Track = Callable[[str, dict[str, Any], int], None]

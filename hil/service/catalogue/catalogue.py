@@ -15,6 +15,7 @@ from hil.records.occupied import is_occupied
 from hil.service.catalogue.entry import Entry, as_json, id_of, is_run, read_entry
 from hil.service.catalogue.marks import Marks, read_marks, write_marks
 from hil.service.catalogue.schema import connect, open_database
+from hil.service.problems import Unknown
 
 FILE = "catalogue.sqlite"
 TRASH = ".trash"
@@ -130,11 +131,8 @@ class Catalogue:
         return found[0] if found else None
 
     def path_of(self, run: str) -> Path:
-        """Folder of a run, by its id. Raises KeyError where there is no such run."""
-        row = self.database.execute("SELECT folder FROM runs WHERE id = ? AND trashed = 0", (run,)).fetchone()
-        if row is None:
-            raise KeyError(run)
-        return self.folder / str(row["folder"])
+        """Folder of a run, by its id. Raises Unknown where there is no such run."""
+        return self.folder / self._folder_of(run, 0)
 
     def remember(self, asked: Any, total: int, version: int) -> None:
         """Keep a count that was made at that version, until something changes."""
@@ -146,7 +144,7 @@ class Catalogue:
     def mark(self, run: str, *, tags: Iterable[str] | None = None, note: str | None = None) -> None:
         """Give a run tags or a note instead of those it has; what is None stays. An empty note takes a note away.
 
-        Raises KeyError for an unknown run, InputError where its marks cannot be read, ValueError for what no tag is.
+        Raises Unknown for an unknown run, InputError where its marks cannot be read, ValueError for what no tag is.
         """
         with self._writing:
             folder = self.path_of(run)
@@ -159,7 +157,7 @@ class Catalogue:
             self.look_at(folder.name)
 
     def delete(self, run: str) -> None:
-        """Move a run into the trash. Raises KeyError for an unknown one, Conflict while somebody works on it."""
+        """Move a run into the trash. Raises Unknown for an unknown one, Conflict while somebody works on it."""
         with self._writing:
             folder = self.path_of(run)
             if is_occupied(folder):
@@ -174,12 +172,9 @@ class Catalogue:
         self.changed(run)
 
     def restore(self, run: str) -> None:
-        """Take a run back from the trash. Raises KeyError where it is not there, Conflict where its place is taken."""
+        """Take a run back from the trash. Raises Unknown where it is not there, Conflict where its place is taken."""
         with self._writing:
-            row = self.database.execute("SELECT folder FROM runs WHERE id = ? AND trashed = 1", (run,)).fetchone()
-            if row is None:
-                raise KeyError(run)
-            name = str(row["folder"])
+            name = self._folder_of(run, 1)
             if (self.folder / name).exists():
                 raise Conflict(f"{run}: there is another run of that name; delete it first")
             (self._trash / name).rename(self.folder / name)
@@ -215,6 +210,12 @@ class Catalogue:
             database.execute("COMMIT")
             self.version += 1
             self.totals = {}
+
+    def _folder_of(self, run: str, trashed: int) -> str:
+        asked = "SELECT folder FROM runs WHERE id = ? AND trashed = ?"
+        if (row := self.database.execute(asked, (run, trashed)).fetchone()) is None:
+            raise Unknown("run", run)
+        return str(row["folder"])
 
     def _known(self, trashed: int) -> dict[str, str]:
         rows = self.database.execute("SELECT folder, seen FROM runs WHERE trashed = ?", (trashed,))

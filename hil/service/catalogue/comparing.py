@@ -12,7 +12,7 @@ from hil.service.catalogue.queries import figures_of, key_of
 
 def compare(catalogue: Catalogue, a: str, b: str) -> dict[str, Any]:
     """Figures with difference b − a, its uncertainty (95 %) and which of the two is better; the channels that both
-    have; the bench keys that differ. Raises KeyError for an unknown run, InputError for two of different kinds.
+    have; the bench keys that differ. Raises Unknown for an unknown run, InputError for two of different kinds.
     """
     database = catalogue.database
     keys = [key_of(catalogue, run) for run in (a, b)]

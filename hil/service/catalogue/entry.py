@@ -15,6 +15,7 @@ from typing import Any, Literal, NamedTuple
 from hil.errors import InputError, printable
 from hil.records.blocks import opened, read_opening
 from hil.records.direct import DirectRecord
+from hil.records.listing import PARTS, Kind, beside_runs, listed_kind
 from hil.records.occupied import is_occupied
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
@@ -25,15 +26,14 @@ State = Literal["done", "running", "interrupted", "recorded", "unreadable"]
 """running: a process works on it; interrupted: it has no figures, or those of a run that was stopped; recorded: from
 elsewhere, without figures."""
 
-_PARTS = ("result.json", "diagnosis.json", "capture.arrow", "estimates.arrow")
 _STAMPED = re.compile(r"(\d{8}-\d{6})-(.+)", re.DOTALL)
 _PLAIN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,150}")
 
 
 class Entry(NamedTuple):
-    """A run or a trace. `time` in s since 1970; `details` is what rows show besides, JSON values."""
+    """A run, or what else is listed. `time` in s since 1970; `details` is what rows show besides, JSON values."""
 
-    kind: Literal["run", "trace"]
+    kind: Kind
     time: float
     name: str
     device: str | None
@@ -55,15 +55,15 @@ def id_of(folder: str) -> str:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is that of a run or a trace."""
-    return any((folder / part).exists() for part in _PARTS)
+    """Whether a folder is listed."""
+    return any((folder / part).exists() for part in PARTS)
 
 
 def read_entry(folder: Path) -> Entry:
     """What a folder says; what cannot be read is said in `details`, and never raised."""
     stamped = _STAMPED.fullmatch(folder.name)
     when, name = (stamped[1], stamped[2]) if stamped else ("", folder.name)
-    trace = (folder / "diagnosis.json").exists()
+    kind = listed_kind(folder)
     unreadable, marks = "", Marks()
     device = bench = None
     try:
@@ -76,7 +76,7 @@ def read_entry(folder: Path) -> Entry:
         unreadable = str(error)
     told: _Told
     try:
-        told = _trace(folder) if trace else _run(folder)
+        told = _trace(folder) if kind == "trace" else _run(folder) if kind == "run" else _beside(folder)
     except InputError as error:
         told, unreadable = _Told("unreadable"), str(error)
     details = {
@@ -87,7 +87,7 @@ def read_entry(folder: Path) -> Entry:
         **told.details,
     }
     return Entry(
-        "trace" if trace else "run", _time(when, folder), printable(name), told.device or device, told.serial, bench,
+        kind, _time(when, folder), printable(name), told.device or device, told.serial, bench,
         told.verdict, told.seconds, told.state, tuple(dict.fromkeys(marks.tags)), details, told.figures,
     )  # fmt: skip
 
@@ -139,6 +139,11 @@ def _trace(folder: Path) -> _Told:
     return _Told("done", found.verdict, None, serial, found.bench, None, details, of_trace(found))
 
 
+def _beside(folder: Path) -> _Told:
+    found = beside_runs(folder)
+    return _Told("done", found.verdict, found.seconds, details={"reasons": list(found.reasons)})
+
+
 def _without_figures(folder: Path) -> _Told:
     if is_occupied(folder):
         return _Told("running", serial=_serial(folder))
@@ -186,7 +191,7 @@ def _names(told: str) -> tuple[str | None, str | None]:
 def _time(stamp: str, folder: Path) -> float:
     with suppress(ValueError, OverflowError):
         return time.mktime(time.strptime(stamp, "%Y%m%d-%H%M%S"))
-    for part in _PARTS:
+    for part in PARTS:
         with suppress(OSError):
             return (folder / part).stat().st_mtime
     return 0.0

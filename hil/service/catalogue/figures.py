@@ -71,7 +71,7 @@ def _of_run(result: Result) -> Iterator[_Told]:
     if result.innovation_rms is not None and result.noise_floor:
         yield "residual_ratio", result.innovation_rms / result.noise_floor, "", None, "less"
     for name, parameter in result.parameters.items():
-        yield name, parameter.value, parameter.unit, _half(*parameter.ci95), None
+        yield name, parameter.value, parameter.unit, parameter.half, None
     yield "seconds", result.seconds, "s", None, None
     yield "samples", result.samples, "", None, None
     yield "lost", result.lost, "", None, "less"

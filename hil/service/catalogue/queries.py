@@ -6,13 +6,16 @@ import math
 import re
 import sqlite3
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
 from datetime import datetime
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from hil.errors import InputError
+from hil.records.listing import Kind
 from hil.service.catalogue.catalogue import Catalogue
 from hil.service.catalogue.figures import HEADLINES
+from hil.service.problems import Problem, Unknown
 
 MOST = 1000
 """Rows of a page, at most."""
@@ -24,39 +27,47 @@ _ONE_BY_ONE = "EXISTS (SELECT 1 FROM words WHERE words.key = runs.key AND"
 _TOGETHER = "runs.key IN (SELECT key FROM words WHERE"
 _FEW = 5000
 
-
-@dataclass(frozen=True)
-class Asked:
-    """Which runs, in which order, and which page of them.
-
-    where: conditions on figures, such as `angle_error_rms_rad<0.01`.  since, until: s since 1970.  sort: a column or a
-    figure, with `-` before it downwards; by a figure, only runs that have it are listed.
-    """
-
-    kind: Literal["run", "trace"] | None = None
-    verdict: str | None = None
-    device: str | None = None
-    serial: str | None = None
-    bench: str | None = None
-    tag: str | None = None
-    state: str | None = None
-    q: str | None = None
-    since: float | None = None
-    until: float | None = None
-    where: Sequence[str] = field(default=())
-    sort: str = "-time"
-    limit: int = 100
-    after: str | None = None
-    trashed: bool = False
+Word = Annotated[str | None, StringConstraints(max_length=_LONGEST)]
 
 
-def listed(catalogue: Catalogue, asked: Asked) -> dict[str, Any]:
+class Filter(BaseModel):
+    """Which runs, in which order."""
+
+    model_config = ConfigDict(extra="forbid")
+
+    kind: Kind | None = None
+    verdict: Word = None
+    device: Word = None
+    serial: Word = None
+    bench: Word = None
+    tag: Word = None
+    state: Literal["done", "running", "interrupted", "recorded", "unreadable"] | None = None
+    q: Word = Field(default=None, description="Words that its name, device, note, tags or effects have")
+    since: datetime | None = Field(default=None, description="ISO 8601")
+    until: datetime | None = None
+    where: Annotated[list[Annotated[str, StringConstraints(max_length=_LONGEST)]], Field(max_length=10)] = Field(
+        default=[], description="Conditions on figures, such as angle_error_rms_rad<0.01"
+    )
+    sort: Annotated[str, StringConstraints(max_length=100)] = Field(
+        default="-time", description="A column or a figure, of which only runs that have it are listed; - is downwards"
+    )
+    deleted: bool = Field(default=False, description="Those in the trash instead")
+
+
+class Page(Filter):
+    """Which runs, and which page of them."""
+
+    limit: int = Field(default=100, ge=1, le=MOST)
+    after: Annotated[str | None, StringConstraints(max_length=1000)] = Field(
+        default=None, description="`next` of the page before"
+    )
+
+
+def listed(catalogue: Catalogue, asked: Page) -> dict[str, Any]:
     """{"runs": rows, "next": cursor or None, "total": how many there are}.
 
     Raises InputError for what is no question.
     """
-    if not 1 <= asked.limit <= MOST:
-        raise InputError(f"limit: {asked.limit}; give 1 to {MOST}")
     database = catalogue.database
     conditions, values = _conditions(database, asked)
     down, name = asked.sort.startswith("-"), asked.sort.removeprefix("-")
@@ -125,11 +136,11 @@ def _gathered(condition: str) -> str:
 
 
 def one(catalogue: Catalogue, run: str) -> dict[str, Any]:
-    """Row of a run with all its figures, and the traces made of it. Raises KeyError where there is none."""
+    """Row of a run with all its figures, and the traces made of it. Raises Unknown where there is none."""
     database = catalogue.database
     found = database.execute("SELECT * FROM runs WHERE id = ? AND trashed = 0", (run,)).fetchone()
     if found is None:
-        raise KeyError(run)
+        raise Unknown("run", run)
     (row,) = _rows(database, [found], ())
     row["figures"] = figures_of(database, found["key"])
     traces = database.execute(
@@ -152,10 +163,10 @@ def figures_of(database: sqlite3.Connection, key: int) -> dict[str, dict[str, An
 
 
 def key_of(catalogue: Catalogue, run: str) -> int:
-    """Raises KeyError where there is no such run."""
+    """Raises Unknown where there is no such run."""
     row = catalogue.database.execute("SELECT key FROM runs WHERE id = ? AND trashed = 0", (run,)).fetchone()
     if row is None:
-        raise KeyError(run)
+        raise Unknown("run", run)
     return int(row["key"])
 
 
@@ -170,7 +181,7 @@ def devices(catalogue: Catalogue) -> list[dict[str, Any]]:
 
 
 def device(catalogue: Catalogue, serial: str) -> dict[str, Any]:
-    """One device, with the names of the figures that its runs have. Raises KeyError where there is none."""
+    """One device, with the names of the figures that its runs have. Raises Unknown where there is none."""
     database = catalogue.database
     row = database.execute(
         "SELECT serial, max(device) AS device, sum(kind = 'run') AS runs, sum(kind = 'trace') AS traces, "
@@ -178,7 +189,7 @@ def device(catalogue: Catalogue, serial: str) -> dict[str, Any]:
         (serial,),
     ).fetchone()
     if row is None:
-        raise KeyError(serial)
+        raise Unknown("device", serial)
     named = database.execute(
         "SELECT figure_names.name, unit, better, runs FROM (SELECT figure, count(*) AS runs FROM runs "
         "CROSS JOIN figures USING (key) WHERE serial = ? AND trashed = 0 AND kind = 'run' GROUP BY figure) "
@@ -191,11 +202,11 @@ def device(catalogue: Catalogue, serial: str) -> dict[str, Any]:
 def trend(catalogue: Catalogue, serial: str, figure: str, limit: int = 10_000) -> dict[str, Any]:
     """A figure over the runs of one device, the oldest first; of several units, that of the newest run.
 
-    Raises KeyError where there is no such device, InputError where none of its runs has the figure.
+    Raises Unknown where there is no such device, InputError where none of its runs has the figure.
     """
     database = catalogue.database
     if database.execute("SELECT 1 FROM runs WHERE serial = ? AND trashed = 0", (serial,)).fetchone() is None:
-        raise KeyError(serial)
+        raise Unknown("device", serial)
     rows = database.execute(
         "SELECT runs.id, time, verdict, value, u, unit, better FROM figure_names JOIN runs "
         "JOIN figures ON figures.key = runs.key AND figures.figure = figure_names.figure "
@@ -246,8 +257,8 @@ def _device(database: sqlite3.Connection, row: sqlite3.Row) -> dict[str, Any]:
     }
 
 
-def _conditions(database: sqlite3.Connection, asked: Asked) -> tuple[list[str], list[Any]]:
-    conditions, values = ["runs.trashed = ?"], [int(asked.trashed)]
+def _conditions(database: sqlite3.Connection, asked: Filter) -> tuple[list[str], list[Any]]:
+    conditions, values = ["runs.trashed = ?"], [int(asked.deleted)]
     told: list[Any] = list(values)
     for name in ("kind", "verdict", "device", "serial", "bench", "state"):
         if (value := getattr(asked, name)) is not None:
@@ -256,7 +267,7 @@ def _conditions(database: sqlite3.Connection, asked: Asked) -> tuple[list[str], 
     for sign, limit in ((">=", asked.since), ("<", asked.until)):
         if limit is not None:
             conditions.append(f"runs.time {sign} ?")
-            told.append(limit)
+            told.append(_seconds(limit))
     if asked.tag is not None:
         conditions.append("runs.key IN (SELECT key FROM tags WHERE tag = ?)")
         told.append(asked.tag)
@@ -274,6 +285,13 @@ def _conditions(database: sqlite3.Connection, asked: Asked) -> tuple[list[str], 
         )
         told += [*known, number]
     return conditions, told
+
+
+def _seconds(when: datetime) -> float:
+    try:
+        return when.timestamp()
+    except (OverflowError, OSError, ValueError):
+        raise Problem(422, "since, until: no time that is known here", "give ISO 8601, such as 2025-03-14") from None
 
 
 def _condition(text: str) -> tuple[str, str, float]:

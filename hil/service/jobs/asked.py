@@ -10,14 +10,16 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from hil.bench import load_any_bench
 from hil.boards.emulation import is_emulated
+from hil.characterising.options import CharacteriseOptions
 from hil.errors import InputError
+from hil.identifying.options import IdentifyOptions
 from hil.importing.options import ImportOptions
-from hil.loop.options import RunOptions
 from hil.options import with_fields
 from hil.records.run_name import RUN_NAME
 from hil.replaying.options import ReplayOptions
+from hil.running.options import RunOptions
 from hil.sensors.options import RecordOptions
-from hil.service.bench_files import found
+from hil.service.bench_files import files, found
 from hil.service.board.links import require_sensor
 from hil.service.jobs.uploads import Uploads
 from hil.sweeping.options import SweepOptions
@@ -70,6 +72,28 @@ class AskedReplay(_Asked):
     effects_of: Word | None = Field(default=None, description="A trace whose effects the bench is given first")
 
 
+@with_fields(CharacteriseOptions)
+class AskedCharacterise(_Asked):
+    """The figures of a data sheet, from records of one device."""
+
+    kind: Literal["characterise"]
+    run: Word | Annotated[tuple[Word, ...], Field(min_length=1, max_length=100)]
+    bench: Word | None = Field(default=None, description="By default the first run's own")
+
+
+@with_fields(IdentifyOptions)
+class AskedIdentify(_Asked):
+    """The constants of an emulated board by an experiment, or of a device by its records. A real board is driven for it
+    by `hil identify` on its machine only: SAFE of the service does not reach into a job."""
+
+    kind: Literal["identify"]
+    link: Word | None = Field(default=None, description="inproc:SCENARIO or pty:SCENARIO, without `run`")
+    run: Word | Annotated[tuple[Word, ...], Field(max_length=100)] = Field(
+        default=(), description="Records that are there, without `link`"
+    )
+    save: Name | None = Field(default=None, description="Bench file that is written beside the runs; by default none")
+
+
 @with_fields(ImportOptions)
 class AskedImport(_Asked):
     """A record that was uploaded becomes one of this bench; a map that was uploaded along goes before one of its
@@ -89,7 +113,8 @@ class AskedSweep(_Asked):
 
 
 Asked = Annotated[
-    AskedRun | AskedRecord | AskedTrace | AskedReplay | AskedImport | AskedSweep, Field(discriminator="kind")
+    AskedRun | AskedRecord | AskedTrace | AskedReplay | AskedCharacterise | AskedIdentify | AskedImport | AskedSweep,
+    Field(discriminator="kind"),
 ]
 
 Order = dict[str, Any]
@@ -98,7 +123,7 @@ files, by their paths."""
 
 
 def order_of(asked: Asked, runs: Path, path_of: Callable[[str], Path], uploads: Uploads) -> Order:
-    """The order of what is asked; runs are looked up by `path_of`, which raises KeyError.
+    """The order of what is asked; runs are looked up by `path_of`, which raises Unknown.
 
     Raises InputError for a name that is not listed, and for a link that leads to a real board.
     """
@@ -124,7 +149,18 @@ def order_of(asked: Asked, runs: Path, path_of: Callable[[str], Path], uploads: 
         case AskedRun():
             bench = found(runs, "bench", asked.bench)
             told |= {"bench": named(bench), "link": _link(asked.link, bench, runs)}
-        case AskedTrace() | AskedReplay():
+        case AskedIdentify():
+            records = [asked.run] if isinstance(asked.run, str) else asked.run
+            told["run"] = [named(path_of(run)) for run in records]
+            if asked.link is not None:
+                told["link"] = _emulated(asked.link, runs, "identify a real one with hil identify, on its machine")
+            if (like := told.get("like")) is not None:
+                told["like"] = named(found(runs, "bench", like))
+            if asked.save is not None:
+                if asked.save in files(runs, "bench"):
+                    raise InputError(f"{asked.save}: there is such a bench file; give another name")
+                told["save"] = named(runs.resolve().parent / f"{asked.save}.bench.toml")
+        case AskedTrace() | AskedReplay() | AskedCharacterise():
             records = [asked.run] if isinstance(asked.run, str) else asked.run
             told["run"] = [named(path_of(run)) for run in records]
             if asked.bench is not None:
@@ -144,10 +180,14 @@ def _link(link: str | None, bench: Path, runs: Path) -> str | None:
                 "inproc:SCENARIO or pty:SCENARIO"
             )
         return None
+    return _emulated(link, runs, "connect and start the board itself")
+
+
+def _emulated(link: str, runs: Path, otherwise: str) -> str:
+    """The link with its scenario as a file.  Raises InputError for another than an emulated board's."""
     board = parse_link(link)
     if not isinstance(board, Emulated) or not _SCENARIO.fullmatch(board.scenario):
         raise InputError(
-            f"link {link[:100]}: a job runs emulated boards only; give inproc:SCENARIO or pty:SCENARIO, or connect and "
-            "start the board itself"
+            f"link {link[:100]}: a job runs emulated boards only; give inproc:SCENARIO or pty:SCENARIO, or {otherwise}"
         )
     return replace(board, scenario=str(found(runs, "scenario", board.scenario))).url

@@ -1,6 +1,6 @@
 """The jobs of a service: asked for, waiting, at work, done; each in a folder of its own, which outlives the service.
 
-A folder has `order.json` (what was asked, by whom, when) and, once the job has ended, `outcome.json`. A job without an
+A folder has `order.json` (request, client, time) and, once the job has ended, `outcome.json`. A job without an
 outcome that nobody works on was interrupted, by a crash of the service or of the machine, and is listed as such.
 """
 
@@ -26,6 +26,7 @@ from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.occupied import is_occupied
 from hil.service.jobs.child import CANCELLED, ORDER, OUTCOME
+from hil.service.problems import Unknown
 
 FOLDER = "jobs"
 CRASHED = "interrupted: the service or the machine went down meanwhile"
@@ -116,9 +117,9 @@ class Jobs:
             return [job.row for _, job in sorted(self._jobs.items(), reverse=True)]
 
     def row(self, job: str) -> Row:
-        """One of them. Raises KeyError."""
+        """One of them. Raises Unknown."""
         with self._lock:
-            return self._jobs[job].row
+            return self._one(job).row
 
     def add(
         self, do: dict[str, Any], asked: dict[str, Any], *, by: str, noted: Callable[[str], None] = lambda _: None
@@ -158,9 +159,9 @@ class Jobs:
         return self.add({"kind": "pyramid", "record": str(record)}, {"kind": "pyramid", "run": run}, by=by)
 
     def cancel(self, job: str) -> Row:
-        """Have a job end, well; one that has ended is forgotten. Raises KeyError."""
+        """Have a job end, well; one that has ended is forgotten. Raises Unknown."""
         with self._lock:
-            found = self._jobs[job]
+            found = self._one(job)
             if found.state == "queued":
                 self._queue.remove(job)
                 self._conclude(found, {"state": "cancelled", "error": CANCELLED, "ended": time.time()})
@@ -196,6 +197,11 @@ class Jobs:
             thread.join(_INSIST_S)
 
     # how they are done
+
+    def _one(self, job: str) -> _Job:
+        if (found := self._jobs.get(job)) is None:
+            raise Unknown("job", job)
+        return found
 
     def _start_next(self) -> None:
         with self._lock:
@@ -344,7 +350,8 @@ def _take(job: _Job, outcome: dict[str, Any]) -> None:
 def _names_in(job: _Job) -> set[str]:
     """Run folders that a job reads, and the one that it makes."""
     do = job.order["do"]
-    read = {Path(do[name]).name for name in ("run", "effects_of") if name in do}
+    given = [do.get(name, ()) for name in ("run", "effects_of")]
+    read = {Path(one).name for names in given for one in ([names] if isinstance(names, str) else names)}
     read |= {Path(do["record"]).parent.name} if "record" in do else set()
     return read | ({job.result["run"]} if "run" in job.result else set())
 
@@ -365,7 +372,7 @@ def _guarded(tell: Callable[[Any], object], what: Any) -> None:
     """Tell it; that somebody cannot hear it is no matter of the job."""
     try:
         tell(what)
-    except Exception:  # noqa: BLE001 - of whoever listens, whatever it is
+    except Exception:  # noqa: BLE001 - of a listener, whatever it is
         _LOG.exception("a job could not be told")
 
 

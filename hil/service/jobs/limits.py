@@ -19,4 +19,5 @@ def limit_this_process() -> None:
     ):
         _, hard = resource.getrlimit(what)
         bound = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(what, (bound, bound))
+        # beyond the soft limit of its time a process is told why it ends, beyond the hard one it is killed
+        resource.setrlimit(what, (bound, hard if what == resource.RLIMIT_CPU else bound))

@@ -15,8 +15,8 @@ from typing import NamedTuple
 
 from hil.errors import InputError, printable
 from hil.importing.packaged import endings
+from hil.service.security.bodies import RECORD_BYTES
 
-MOST_BYTES = 512 << 20
 MOST_MAP_BYTES = 1 << 20
 MOST_AT_ONCE = 20
 ENDINGS = (".csv", ".csv.gz", ".mat", ".parquet")
@@ -47,7 +47,7 @@ class Upload(NamedTuple):
 class Uploads:
     """The uploads of a service, in `folder`."""
 
-    def __init__(self, folder: Path, most_bytes: int = MOST_BYTES) -> None:
+    def __init__(self, folder: Path, most_bytes: int = RECORD_BYTES) -> None:
         self._folder = folder
         self.most_bytes = most_bytes
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -7,11 +7,13 @@ from pathlib import Path
 from typing import Any
 
 import hil
+from hil.characterising.options import CharacteriseOptions
+from hil.identifying.options import IdentifyOptions
 from hil.importing.options import ImportOptions
-from hil.loop.options import RunOptions
 from hil.options import chosen
 from hil.progress import Progress, Watcher
 from hil.replaying.options import ReplayOptions
+from hil.running.options import RunOptions
 from hil.sensors.options import RecordOptions
 from hil.sweeping.options import SweepOptions
 from hil.tracing.options import TraceOptions
@@ -28,8 +30,8 @@ def do(order: dict[str, Any], out: Path, place: Path, *, began: Said, progress: 
 
 
 def _run(order: dict[str, Any], out: Path, place: Path, began: Said, progress: Watcher) -> dict[str, Any]:
-    from hil.loop.request import request_of
-    from hil.loop.run import run
+    from hil.running.request import request_of
+    from hil.running.run import run
 
     truth = place / "truth.arrow" if order.get("score") else None
     options: Any = {**chosen(RunOptions, order), "truth": truth}
@@ -68,6 +70,25 @@ def _replay(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Wa
     done = hil.replay(record, bench, out=out, progress=progress, **options)
     began(done.path.name)
     return _of_run(done.path)
+
+
+def _characterise(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    options: Any = chosen(CharacteriseOptions, order)
+    done = hil.characterise(order["run"], order.get("bench"), out=out, progress=progress, **options)
+    began(done.path.name)
+    sheet = done.sheet.model_dump(mode="json", exclude={"seal", "curves"})
+    return {"run": done.path.name, "verdict": done.verdict, "sheet": sheet}
+
+
+def _identify(order: dict[str, Any], out: Path, _: Path, began: Said, progress: Watcher) -> dict[str, Any]:
+    options: Any = chosen(IdentifyOptions, order)
+    done = hil.identify(
+        order.get("link"), bench=order.get("save"), record=order["run"], out=out, progress=progress, **options
+    )  # without consent: it has to be an emulated board
+    began(done.folder.name)
+    found, verdict = done.findings.as_json(), "good" if done.good else "failed"
+    name = None if done.bench is None else done.bench.name.removesuffix(".bench.toml")
+    return {"run": done.folder.name, "verdict": verdict, "bench": name, "found": found}
 
 
 def _import(order: dict[str, Any], out: Path, place: Path, began: Said, progress: Watcher) -> dict[str, Any]:
@@ -131,6 +152,8 @@ _KINDS: dict[str, Callable[[dict[str, Any], Path, Path, Said, Watcher], dict[str
     "record": _record,
     "trace": _trace,
     "replay": _replay,
+    "characterise": _characterise,
+    "identify": _identify,
     "import": _import,
     "sweep": _sweep,
     "pyramid": _pyramid,

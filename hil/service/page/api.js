@@ -74,12 +74,6 @@ export async function getBytes(path, signal) {
   }
 }
 
-/** @param {string} path @returns {Promise<Blob>} */
-export const getBlob = async (path) => (await request("GET", path)).blob();
-
-/** @param {string} path @returns {Promise<string>} */
-export const getText = async (path) => (await request("GET", path)).text();
-
 /** @param {string} method @param {string} path @param {unknown} [body] @param {{ keepalive?: boolean }} [how] @returns {Promise<any>} */
 export async function send(method, path, body, how) {
   const answer = await request(method, path, body, how);

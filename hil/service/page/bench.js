@@ -4,7 +4,7 @@ import { get, query } from "./api.js";
 import { Circle } from "./circle.js";
 import { Controls } from "./controls.js";
 import { byId } from "./dom.js";
-import { showDrive } from "./drive.js";
+import { showDrive, showTrims } from "./drive.js";
 import { EstimatesTable } from "./estimates.js";
 import { showHealth } from "./health.js";
 import { Innovation } from "./innovation.js";
@@ -58,6 +58,7 @@ export class Bench {
     this.innovation.set(run);
     showHealth(health, run);
     showDrive(/** @type {any} */ (run)?.drive);
+    showTrims(/** @type {any} */ (run)?.trims);
     this.flow();
     this.last();
   }

@@ -42,7 +42,7 @@
 
 /** @param {any} said @returns {Board} */
 export function readBoard(said) {
-  const runId = typeof said.run === "string" ? said.run : (said.run?.id ?? null);
+  const runId = said.run ?? null;
   const stage = said.stage ?? "";
   return {
     connected: Boolean(said.connected),
@@ -57,7 +57,7 @@ export function readBoard(said) {
     runId,
     lastRun: said.last_run ?? null,
     ended: said.ended && said.ended.run === said.last_run ? said.ended : null,
-    run: said.now ?? (typeof said.run === "object" ? said.run : null),
+    run: said.now ?? null,
     seconds: said.duration_s ?? null,
     stage,
     done: said.done ?? 0,

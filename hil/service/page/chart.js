@@ -105,11 +105,6 @@ export class Chart {
     this.plot?.redraw(false);
   }
 
-  /** @param {string} text for those who do not see the curve */
-  describe(text) {
-    this.host.setAttribute("aria-label", text);
-  }
-
   close() {
     this.observer.disconnect();
     this.scheme.onchange = null;

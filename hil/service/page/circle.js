@@ -86,7 +86,7 @@ export class Circle {
   hearJob(job) {
     if (job.id !== this.where.job) return;
     this.job = job;
-    const trace = job.result?.run ?? job.result?.id ?? job.result?.trace;
+    const trace = job.result?.run;
     if (job.state === "done" && trace && !this.where.trace) this.diagnosis(trace).then(() => this.keep({ ...this.where, trace }));
     else this.draw();
   }
@@ -163,14 +163,14 @@ export class Circle {
     if (!found.effects?.length) return step("Add", make("p", {}, "Nothing to add."));
     return step("Add", make("p", {}, `${found.effects.length === 1 ? "One effect" : `${found.effects.length} effects`} to add to `, make("code", {}, bench ?? "")), button("circle-add", "Add to the bench file", async () => {
       const answer = await send("POST", `/api/benches/${encodeURIComponent(bench ?? "")}/effects`, { trace });
-      this.keep({ ...this.where, better: answer.name ?? answer.bench });
+      this.keep({ ...this.where, better: answer.name });
       await this.controls.load(this.where.better);
     }));
   }
 
   againStep() {
     const { run, better, again } = this.where;
-    if (!better) return step("Run again", make("p", {}, "With what was found, estimated and undone."));
+    if (!better) return step("Run again", make("p", {}, "With what was found, estimated and compensated."));
     if (again && (!this.ended(again) || !run)) return this.runStep("Run again", again);
     if (again && run) {
       const [before, after] = [this.known[run], this.known[again]];

@@ -56,7 +56,7 @@ export class Compare {
       const cell = (/** @type {"a" | "b"} */ side) => make("td", { class: `n ${better === side ? "word good" : ""}` }, figure(row.name, row[side], row.unit), better === side && make("span", { class: "quiet" }, ", better"));
       return make("tr", {}, make("th", { scope: "row" }, nameOf(row.name)), cell("a"), cell("b"), make("td", { class: "n" }, difference(row)));
     });
-    const keys = (answer.bench ?? []).map((/** @type {any} */ key) => make("tr", {}, make("th", { scope: "row" }, make("code", {}, key.key ?? key.name)), make("td", {}, plain(key.a)), make("td", {}, plain(key.b))));
+    const keys = (answer.bench ?? []).map((/** @type {any} */ key) => make("tr", {}, make("th", { scope: "row" }, make("code", {}, key.key)), make("td", {}, plain(key.a)), make("td", {}, plain(key.b))));
     const overlays = make("div", { class: "overlays" });
     fill(
       this.host,

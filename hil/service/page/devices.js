@@ -100,6 +100,6 @@ export class Devices {
     if (signal.aborted) return;
     this.chart.set(points.map((/** @type {any} */ _, /** @type {number} */ i) => i + 1), [{ mid: points.map((/** @type {any} */ point) => point.value * best.factor) }], [0.5, points.length + 0.5]);
     fill(list, ...points.toReversed().map((/** @type {any} */ point) =>
-      make("tr", {}, make("th", { scope: "row" }, make("a", { href: `#/runs/${encodeURIComponent(point.id ?? point.run)}` }, moment(point.time))), make("td", { class: "n" }, `${number(point.value * best.factor)} ${best.unit}`))));
+      make("tr", {}, make("th", { scope: "row" }, make("a", { href: `#/runs/${encodeURIComponent(point.run)}` }, moment(point.time))), make("td", { class: "n" }, `${number(point.value * best.factor)} ${best.unit}`))));
   }
 }

@@ -74,9 +74,7 @@ export class Innovation {
   set(run) {
     const told = run?.innovation;
     if (!told) return;
-    const rms = told.rms_V ?? told.rms;
-    const floor = told.predicted_V ?? told.noise_floor ?? told.predicted;
-    const ratio = told.ratio ?? (rms && floor ? rms / floor : null);
+    const { rms_V: rms, ratio } = told;
     say(byId("innovation-value"), rms ? `${quantity(rms, "V", 3)} rms${ratio ? `, ${ratio.toFixed(2)} × predicted` : ""}` : "");
   }
 }

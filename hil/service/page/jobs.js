@@ -126,7 +126,7 @@ export class Jobs {
 
   /** @param {Job} job */
   actions(job) {
-    const id = job.result?.run ?? job.result?.id;
+    const id = job.result?.run;
     if (job.state === "running" || job.state === "queued") return make("button", { type: "button", id: `cancel-${job.id}`, onclick: doing(() => send("DELETE", `/api/jobs/${job.id}`)) }, "Cancel");
     if (job.result?.campaign) return make("button", { type: "button", id: `report-${job.id}`, onclick: doing(() => this.report(job)) }, "Report");
     return id ? make("a", { href: `#/runs/${encodeURIComponent(id)}` }, "Open") : null;

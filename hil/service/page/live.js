@@ -1,4 +1,4 @@
-// The live connection: one WebSocket that is opened again whenever it is gone. Whoever listens hears of the loss within
+// The live connection: one WebSocket that is opened again whenever it is gone. A listener hears of the loss within
 // a second, and a subscription stands until it is closed, over as many connections as that takes.
 
 import { decode } from "./frame.js";

@@ -32,9 +32,9 @@ class Audit:
         self._torn = size > 0 and os.pread(self._file, 1, size - 1) != b"\n"
 
     def note(self, who: Holder | str, what: str, **details: Any) -> None:
-        """One entry, on the disk when this returns to whoever kills the process, if not to whoever cuts its supply.
+        """One entry. When this returns it outlives a kill of the process, if not a loss of power.
 
-        Raises Problem where it cannot be written: whoever asks must then leave undone what was to be noted.
+        Raises Problem where it cannot be written: the caller must then not do what was to be noted.
         """
         name = who if isinstance(who, str) else who.name
         entry = {"time": time.time(), "who": name, "what": what, **details}

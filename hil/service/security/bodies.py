@@ -6,9 +6,10 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from hil.service.problems import problem_response
 
 MOST_BYTES = 1 << 20
-_ELSEWHERE = frozenset({"/api/uploads"})  # which has a bound of its own, and writes what comes to a file
-_TOO_LONG = f"the body is longer than {MOST_BYTES >> 20} MB, which no request to this path needs"
-_REMEDY = "records are sent to /api/uploads"
+RECORD_BYTES = 512 << 20
+"""Of a record that is uploaded."""
+_OTHERS = {"/api/uploads": RECORD_BYTES + (2 << 20)}  # a record, its map, and what a form needs around them
+_REMEDY = "records are sent to /api/uploads; larger ones are imported beside the service with hil import"
 
 
 class Bodies:
@@ -19,12 +20,14 @@ class Bodies:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One request."""
-        if scope["type"] != "http" or scope["path"] in _ELSEWHERE:
+        if scope["type"] != "http":
             await self._app(scope, receive, send)
             return
+        most = _OTHERS.get(scope["path"], MOST_BYTES)
+        too_long = f"the body is longer than {most >> 20} MB, which no request to this path needs"
         announced = [value for name, value in scope["headers"] if name == b"content-length"]
-        if any(not value.isdigit() or len(value) > 18 or int(value) > MOST_BYTES for value in announced):
-            await problem_response(413, _TOO_LONG, _REMEDY)(scope, receive, send)
+        if any(not value.isdigit() or len(value) > 18 or int(value) > most for value in announced):
+            await problem_response(413, too_long, _REMEDY)(scope, receive, send)
             return
         came = 0
 
@@ -32,8 +35,8 @@ class Bodies:
             nonlocal came
             message = await receive()
             came += len(message.get("body", b""))
-            if came > MOST_BYTES:
-                raise HTTPException(413, _TOO_LONG)
+            if came > most:
+                raise HTTPException(413, too_long)
             return message
 
         await self._app(scope, bounded, send)

@@ -12,7 +12,7 @@ _AT_MOST = 1024
 
 
 class Tickets:
-    """Each is for one path, to be read only, for a minute; it gives the role look, whoever asked for it."""
+    """Each is for one path, to be read only, for a minute; it gives the role look, whatever role asked for it."""
 
     def __init__(self) -> None:
         self._valid: dict[str, tuple[str, str, float]] = {}

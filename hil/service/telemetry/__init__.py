@@ -1,1 +1,1 @@
-"""What a run does while it lasts, for whoever looks: one more reader of its rings, decimated for each."""
+"""What a run does while it lasts, for each client: one more reader of its rings, decimated."""

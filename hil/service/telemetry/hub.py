@@ -16,7 +16,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class Hub:
-    """Looks at the rings, and wakes whoever waits for news.
+    """Looks at the rings, and wakes those that wait for news.
 
     Attributes:
         tracks: of the run that lasts or was the last one.
@@ -83,7 +83,7 @@ class Hub:
         while True:
             try:
                 self.look()
-            except Exception:  # noqa: BLE001 - whoever looks on would go on being shown what was
+            except Exception:  # noqa: BLE001 - clients would go on being shown what was
                 _LOG.exception("what the run brought could not be looked at; the next look goes on")
             due = max(due + 1.0 / LOOKS_PER_S, clock())
             await asyncio.sleep(due - clock())

@@ -62,8 +62,8 @@ class Now:
         return told
 
     def run(self, tracks: Tracks) -> dict[str, Any] | None:
-        """Bench time, how much of it since the run's first sample, angle, rate, estimates, innovation, drive; None
-        before the first sample.
+        """Bench time, how much of it since the run's first sample, angle, rate, estimates, innovation, drive, and the
+        voltages of trim outputs; None before the first sample.
         """
         if self._first is None:
             return None
@@ -80,6 +80,11 @@ class Now:
             told["innovation"] = _innovation(innovation, round(_INNOVATION_S * tracks.rate_Hz))
         if (capture := tracks.get("capture")) is not None:
             told["drive"] = _drive(capture, round(_LOOKED_S * tracks.rate_Hz))
+        if (trims := tracks.get("trims")) is not None and len(rows := trims.kept.newest(1)):
+            told["trims"] = {
+                one["name"]: {"volts": float(rows[0][f"{one['name']}_V"]), "most_V": float(one["most_V"])}
+                for one in trims.layout.header["outputs"]
+            }
         return {name: _finite(value) for name, value in told.items()}
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.records.layout import Layout
-from hil.records.ring import Onlooker
+from hil.running.ring import Onlooker
 from hil.service.series import shown
 from hil.service.telemetry.history import History, Rows
 

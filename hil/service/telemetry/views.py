@@ -10,8 +10,8 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from hil.errors import InputError
+from hil.records.frame import Frame
 from hil.records.innovation import steady
-from hil.service.series import Frame
 from hil.service.telemetry.decimation import Roll, dense, stretches
 from hil.service.telemetry.history import Rows
 from hil.service.telemetry.tracks import Channel, Tracks

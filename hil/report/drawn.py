@@ -1,0 +1,30 @@
+"""The figures of a run's page, drawn before there is a page."""
+
+from collections.abc import Callable
+
+from hil.report.figures.angle import angle_figure
+from hil.report.figures.closing import closing_figure
+from hil.report.figures.drawing import Drawing
+from hil.report.figures.innovation import innovation_figure
+from hil.report.figures.parameters import parameters_figure
+from hil.report.figures.pattern import pattern_figure
+from hil.report.figures.prediction import prediction_figure
+from hil.report.figures.rate import rate_figure
+from hil.report.figures.signals import signals_figure
+from hil.report.figures.spectrum import innovation_spectrum_figure
+from hil.report.figures.timing import turnaround_figure
+from hil.report.figures.trims import trims_figure
+from hil.report.material import Material
+from hil.report.numbering import Figures
+
+_FIGURES: tuple[Callable[[Material], Drawing | None], ...] = (
+    closing_figure, angle_figure, rate_figure, parameters_figure, trims_figure, pattern_figure, signals_figure,
+    prediction_figure, innovation_figure, innovation_spectrum_figure, turnaround_figure,
+)  # fmt: skip
+"""In the order of the page, which numbers them."""
+
+
+def draw_figures(material: Material) -> dict[str, str]:
+    """Every figure of the page as HTML, "" where there is nothing to draw, by the name of what draws it."""
+    numbered = Figures()
+    return {draw.__name__: numbered.add(lambda draw=draw: draw(material)) for draw in _FIGURES}  # type: ignore[misc]
