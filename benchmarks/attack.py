@@ -290,7 +290,7 @@ class Pair:
         self.board.send(self._tx.encode_row(5, 1, 2, 3, 4, 0, 2))
         if not self.host.receive(1.0):
             raise RuntimeError("a row was lost")
-        self.host.send(self._tx.encode_drive(1, 2, 3, 4))
+        self.host.send(self._tx.encode(DriveForce(1, 2, 3), 4))
         if not self.board.receive(1.0):
             raise RuntimeError("a drive was lost")
 

@@ -26,8 +26,8 @@ from device_emulator.line import Line
 from estimator.observer import Observer
 from hil.bench import override
 from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
-from hil.loop.preflight import configure
-from hil.loop.worker import make_loop
+from hil.running.preflight import configure
+from hil.running.worker import make_loop
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink

@@ -8,7 +8,7 @@ import os
 import select
 import sys
 
-from hil.loop import realtime
+from hil.running import realtime
 
 
 def main(path: str, length: int) -> None:

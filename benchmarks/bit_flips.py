@@ -17,10 +17,10 @@ from hil.bench import load_bench, override
 from hil.bench.examples import find
 from hil.boards.emulation import located
 from hil.errors import InputError
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.records.blocks import read_blocks
 from hil.records.check import check
+from hil.running.request import RunRequest
+from hil.running.run import run
 
 _FLIPS = 1000
 _SEED = 20_261

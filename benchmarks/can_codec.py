@@ -11,6 +11,7 @@ import numpy as np
 from benchmarks.row import Row, Say
 from hil.wire.can_format import RECORD_SIZE, CanFormat
 from hil.wire.frame_format import BOARD, HOST
+from hil.wire.messages import DriveForce
 from hil.wire.sense import Sense
 from hil.wire.stream import Receiver, Transmitter
 
@@ -48,14 +49,13 @@ def _single_rows(say: Say) -> Row:
     board, host = Transmitter(CanFormat(0, BOARD)), Receiver(CanFormat(0, HOST))
     answer, heard = Transmitter(CanFormat(0, HOST)), Receiver(CanFormat(0, BOARD))
     host.feed(board.encode_row(0, 0, 0, 0, 0, 0, 2))
-    heard.feed(answer.encode_drive(0, 0, 0, 0))
+    heard.feed(answer.encode(DriveForce(0, 0, 0), 0))
     done = 1
     begin = time.process_time()
     while (spent := time.process_time() - begin) < SECONDS:
         for _ in range(1000):
-            row = host.take_row(board.encode_row(done, 1, 2, 3, 4, 0, 2))
-            assert row is not None
-            drive = heard.take_drive(answer.encode_drive(5, 6, row[0] + 1, row[0]))
+            (row,) = host.feed(board.encode_row(done, 1, 2, 3, 4, 0, 2))
+            drive = heard.take_drive(answer.encode(DriveForce(5, 6, row.tick + 1), row.tick))
             assert drive is not None
             done += 1
     say(f"{done} rows and their drives in {spent:.2f} s of one core")

@@ -18,8 +18,8 @@ from typing import Any
 import hil
 from benchmarks.row import Row
 from hil.bench import examples
-from hil.loop.request import RunRequest
-from hil.loop.run import run
+from hil.running.request import RunRequest
+from hil.running.run import run
 from hil.service.catalogue import queries
 from hil.service.catalogue.catalogue import Catalogue
 from hil.service.catalogue.comparing import compare
@@ -61,7 +61,7 @@ def _measured(catalogue: Catalogue, names: list[str], tell: Callable[[str], None
     drawn = random.Random(3)
 
     def ask(**given: Any) -> Callable[[], object]:
-        return lambda: queries.listed(catalogue, queries.Asked(**given))
+        return lambda: queries.listed(catalogue, queries.Page(**given))
 
     far = _page(catalogue, 300)
     acts: dict[str, Callable[[], object]] = {
@@ -107,7 +107,7 @@ def _page(catalogue: Catalogue, number: int) -> str | None:
     """The cursor of a page far down."""
     after = None
     for _ in range(min(number, RUNS // 200) // 10):
-        after = queries.listed(catalogue, queries.Asked(limit=1000, after=after))["next"]
+        after = queries.listed(catalogue, queries.Page(limit=1000, after=after))["next"]
     return after
 
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
 from hil.bench import examples
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
+from hil.running.run import run
 
 EXAMPLES = ("s-slow", "s-modern-5k")
 SECONDS = 30.0

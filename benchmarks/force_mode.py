@@ -19,10 +19,10 @@ from benchmarks.lockstep import bench_of
 from benchmarks.pacer import ANSWER_LENGTH
 from benchmarks.row import Row, Say
 from hil.bench import examples, override
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
+from hil.running.run import run
 from hil.scoring.score import score
 
 DURATION_S = 30.0

@@ -27,7 +27,7 @@ from estimator.settings import Variant
 from hil.bench import Bench, load_bench
 from hil.bench.examples import find
 from hil.bench.template import template, values_of
-from hil.loop.worker import Order, untold, work
+from hil.running.worker import Order, untold, work
 
 ROUNDS, STEPS = 9, 5000
 STATES = ((7, Variant.SENSE), (11, Variant.GYRO), (13, Variant.FULL))
@@ -36,7 +36,8 @@ COUNTS = (0, 1, 2, 4)
 LENGTHS = (200_000, 800_000, 3_200_000)
 TRACED = (10_000, 40_000, 160_000)
 REPORT = (
-    "import sys; from pathlib import Path; from hil.report import write_report; write_report(*map(Path, sys.argv[1:]))"
+    "import sys; from pathlib import Path; from hil.report.page import write_report; "
+    "write_report(*map(Path, sys.argv[1:]))"
 )
 
 

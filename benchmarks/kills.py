@@ -121,7 +121,7 @@ def _kill(place: Path, bench: Path, mode: str, victim: str, after_s: float, boar
         start_new_session=True,
     )
     capture = _await_samples(runs, host)
-    loop = next(child for child in _children(host.pid) if "hil.loop.worker" in _command(child))
+    loop = next(child for child in _children(host.pid) if "hil.running.worker" in _command(child))
     (recorder,) = _children(loop)
     family = {"host": host.pid, "loop": loop, "recorder": recorder, "board": board.process.pid}
     time.sleep(after_s)

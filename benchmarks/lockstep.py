@@ -21,12 +21,12 @@ from device_emulator.scenario import Scenario, load
 from estimator.observer import Observer
 from hil.bench import Bench, load_bench, override
 from hil.bench.examples import find
-from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
-from hil.loop.preflight import configure
-from hil.loop.skeleton import Counters
-from hil.loop.tracks import column_of
-from hil.loop.worker import make_loop
+from hil.plugins.of_bench import loop_observer
 from hil.records.estimates import ANGLE_COLUMNS
+from hil.running.preflight import configure
+from hil.running.skeleton import Counters
+from hil.running.tracks import column_of
+from hil.running.worker import make_loop
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink
@@ -122,7 +122,7 @@ def close_loop(scenario: Scenario, bench: Bench, samples: int, *, seed: int, eve
     line = Line(board, scenario, seed)
     endpoint = Endpoint(InprocLink(_OnLine(board, line) if scenario.faults.on_the_line else board))
     identity = client.connect(endpoint)
-    observer = Observer(device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
+    observer = loop_observer(bench, identity)
     states = len(observer.names)
     tracks = {
         "capture": Rows(6),

@@ -23,14 +23,14 @@ from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.scenario import Scenario, load
 from device_emulator.truth import TruthFile, truth_metadata
-from hil.loop.realtime import end_with_parent
+from hil.running.realtime import end_with_parent
 from hil.wire.errors import LinkClosed
 from hil.wire.messages import Arm, ClockMode, DriveForce, Hello
 from hil.wire.pty_link import open_pty
 from hil.wire.spec import SPEC
 from hil.wire.stream import Receiver, Transmitter
 
-ANSWER_LENGTH = len(Transmitter().encode_drive(1, 1, 1, 1))
+ANSWER_LENGTH = len(Transmitter().encode(DriveForce(1, 1, 1), 1))
 LEAD_S = 0.002  # from the choice of a host to its first tick
 
 

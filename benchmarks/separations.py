@@ -37,11 +37,11 @@ from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import draw_record
 from hil.bench import Bench, override
 from hil.errors import InputError
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
+from hil.running.run import run
 from hil.tracing.request import request_of
 from hil.tracing.separate import Asked, last_traced, separable, separate
 from hil.tracing.trace import trace

@@ -35,8 +35,8 @@ from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
 from hil.records.timing import read_timing
 from hil.wire.messages import SenseFlags
-from tests.loop.gyro import bench_file, unhurried_bench, unhurried_scenario
-from tests.loop.processes import alive, command_line, safe_reason
+from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
+from tests.running.processes import alive, command_line, safe_reason
 
 PAGES = 5
 STRETCH_S = 4.0
@@ -303,7 +303,7 @@ def _killed(here: Path, url: str, victim: str, after_s: float) -> tuple[bool, in
             os.kill(process, signal.SIGKILL)
             time.sleep(0.5)
         else:
-            (loop,) = _of(here, "hil.loop.worker")
+            (loop,) = _of(here, "hil.running.worker")
             os.kill(loop, signal.SIGKILL)
             _until(lambda: service.state["run"] is None)
     if victim == "service":  # the loop went on: another service finds it, and ends it

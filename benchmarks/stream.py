@@ -18,11 +18,11 @@ from benchmarks.lockstep import bench_of
 from benchmarks.row import Row, Say
 from hil.bench import examples
 from hil.boards.emulation import emulator
-from hil.loop.request import RunRequest
-from hil.loop.run import run
 from hil.progress import Progress
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+from hil.running.request import RunRequest
+from hil.running.run import run
 
 EXAMPLE = "s-modern-5k"
 RATES_HZ = (100e3, 250e3)

@@ -23,12 +23,12 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.boards.emulation import emulator
 from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
-from hil.loop.gain import GainLoop
-from hil.loop.native import LIBRARY, MOST_ROWS, NONE, ROW, SAID_ROOM, Batch, ReceiverState, payload_sizes
-from hil.loop.preflight import configure
-from hil.loop.skeleton import Setup
-from hil.loop.tracks import run_layouts
-from hil.records.ring import Ring
+from hil.running.gain import GainLoop
+from hil.running.native import LIBRARY, MOST_ROWS, NONE, ROW, SAID_ROOM, Batch, ReceiverState, payload_sizes
+from hil.running.preflight import configure
+from hil.running.ring import Ring
+from hil.running.skeleton import Setup
+from hil.running.tracks import run_layouts
 from hil.wire import client
 from hil.wire.codec import pack, type_of
 from hil.wire.endpoint import Endpoint
@@ -119,6 +119,6 @@ def _decoding(codes: NDArray[np.int32]) -> Callable[[], object]:
     def decode() -> object:
         assert sizes is not None  # lent by its address
         batch.row_count, receiver.expected = 0, NONE
-        return LIBRARY.turn_feed(ctypes.byref(receiver), ctypes.byref(batch), data, len(data))
+        return LIBRARY.turn_feed(ctypes.byref(receiver), None, ctypes.byref(batch), data, len(data))
 
     return decode

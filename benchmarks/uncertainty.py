@@ -13,8 +13,8 @@ Then each device is run once more with the setting that its first run proposes f
 held against the one before.  What is to be calibrated better is drawn anew, ten times nearer to what is declared.
 
 Results are kept in runs/uncertainty, two files a device; what is there is not run again.  GYROHIL_DEVICES is the number
-of devices of each plant.  The figures stand in docs/results/verdicts.md too, whose table is written here
-(GYROHIL_PAGE=docs/results/verdicts.md).
+of devices of each plant.  The figures stand in evaluation/results/verdicts.md too, whose table is written here
+(GYROHIL_PAGE=evaluation/results/verdicts.md).
 """
 
 import json
@@ -143,8 +143,8 @@ def followed(name: str, seed: int) -> dict[str, Any] | None:
 def _kept(kept: Path, bench: Bench, scenario_toml: str) -> dict[str, Any]:
     if kept.exists():
         return dict(json.loads(kept.read_text()))
-    from hil.loop.request import RunRequest
-    from hil.loop.run import run
+    from hil.running.request import RunRequest
+    from hil.running.run import run
     from hil.scoring.score import score
 
     with tempfile.TemporaryDirectory() as place:
@@ -225,7 +225,7 @@ _COLUMNS = {
 
 
 def table(figures: Sequence[Row]) -> str:
-    """The table of docs/results/verdicts.md: a plant a row."""
+    """The table of evaluation/results/verdicts.md: a plant a row."""
     by_name = {row.name: row for row in figures}
 
     def cell(plant: str, column: str) -> str:

@@ -1,8 +1,8 @@
 """`python -m evaluation.tracers EMULATOR`: the tracer on records of one emulator, judged.
 
-EMULATOR is `alder` or `birch` (evaluation/strangers), or `undeclared` (evaluation/undeclared), whose records are made
-first by `python -m evaluation.undeclared generate --folder FOLDER`.  Answers are kept in FOLDER/trace, so that it
-can go on; another tracer on the same records is another commit with another name for that folder.
+EMULATOR is `alder`, `birch` or `cedar` (evaluation/strangers), or `undeclared` (evaluation/undeclared), whose records
+are made first by `python -m evaluation.undeclared generate --folder FOLDER`.  Answers are kept in FOLDER/trace, so that
+it can go on; another tracer on the same records is another commit with another name for that folder.
 """
 
 import argparse
@@ -33,8 +33,8 @@ Answer = dict[str, Any]
 def main() -> int:
     """Make, trace, judge, print; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m evaluation.tracers", description=__doc__)
-    parser.add_argument("emulator", choices=["alder", "birch", "undeclared"])
-    parser.add_argument("--seed", type=int, default=1, help="of the records of alder and birch (default 1)")
+    parser.add_argument("emulator", choices=["alder", "birch", "cedar", "undeclared"])
+    parser.add_argument("--seed", type=int, default=1, help="of the records of alder, birch and cedar (default 1)")
     parser.add_argument("--folder", type=Path, required=True, help="of the records and the answers")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--most", type=int, default=10**6, help="records at most")

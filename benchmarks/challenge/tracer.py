@@ -72,7 +72,7 @@ def continued(record: Record, bench: Bench) -> Floats:
     for window, (sense, drive) in enumerate(zip(record.window_sense, record.window_drive, strict=True)):
         observer = Observer(device, begin)
         own = observer.arrays.p.copy()
-        observer.begin_about(learnt, 1.0)
+        _begin_about(observer, learnt)
         _forget_phases(observer, own)
         observer.run(sense, drive[:SEEN], every=SEEN)
         with observer.noisier(_UNMEASURED):
@@ -88,6 +88,22 @@ def _coefficients(observer: Observer) -> Iterator[tuple[str, str, int]]:
         for coefficient in effect.coefficients:
             yield effect.name, coefficient.name.partition(":")[0], place
             place += 1
+
+
+def _begin_about(observer: Observer, learnt: Observer) -> None:
+    """Give the constants the covariance that `learnt` ended with, none wider than before a record was seen; of the
+    rate, which moves, its own.
+    """
+    constants = slice(observer.states, None)
+    wide, found = observer.arrays.p[constants, constants], learnt.arrays.p[constants, constants]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        scale = np.fmin(1.0, np.sqrt(np.diagonal(wide) / np.diagonal(found)))
+    rate = observer.estimated.index("rate") - observer.states
+    own = wide[rate, rate]
+    wide[:] = found * np.outer(scale, scale)
+    wide[rate, :] = wide[:, rate] = 0.0
+    wide[rate, rate] = own
+    observer.arrays.c[:] = observer.arrays.p
 
 
 def _forget_phases(observer: Observer, own: Floats) -> None:

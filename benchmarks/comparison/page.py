@@ -1,4 +1,4 @@
-"""docs/results/comparison.md and its figure."""
+"""evaluation/results/comparison.md and its figure."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path

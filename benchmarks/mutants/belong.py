@@ -1,10 +1,10 @@
 """Which tests belong to which module: those that say what it promises, and take seconds.
 
-`hil.loop.supervision` is not here: what it promises is about processes that die, and its tests take real time. Name
+`hil.running.supervision` is not here: what it promises is about processes that die, and its tests take real time. Name
 them with `--tests` and `--slow`.
 """
 
-_STOPS = ["tests/loop/test_armed.py", "tests/verdict/test_safety.py"]
+_STOPS = ["tests/running/test_armed.py", "tests/verdict/test_safety.py"]
 _KEYED = ["tests/wire/test_sessions.py", "tests/wire/test_keyed.py::test_the_counter_ends_and_does_not_wrap"]
 _BLOCKS = [
     "tests/records/test_check_rules.py",
@@ -16,7 +16,7 @@ _BLOCKS = [
             "test_a_file_cut_inside_its_header_is_refused",
             "test_a_missing_block_is_told",
             "test_a_block_of_another_record_is_told",
-            "test_a_record_from_before_there_were_checksums_is_read_and_known_as_such",
+            "test_a_record_without_checksums_is_refused_in_one_line",
             "test_a_part_is_what_the_whole_has_there",
             "test_what_is_no_record_is_refused",
             "test_an_arrow_stream_from_elsewhere_is_refused",
@@ -41,7 +41,7 @@ _KEY_FILE = [
 
 
 _SIGNS = [
-    f"tests/loop/test_signs.py::{name}"
+    f"tests/running/test_signs.py::{name}"
     for name in (
         "test_other_signs_have_to_predict_well_and_the_declared_ones_far_worse",
         "test_an_observer_that_is_lost_at_a_single_row_predicts_nothing",
@@ -60,31 +60,24 @@ _IDENTIFICATION = {
     "pooled": "pool",
     "pooled_layout": "pool",
     "examination": "examination angle",
-    "fitness": "fitness_rules fitness",
+    "fitness": "fitness_rules fitness rest",
     "prediction": "prediction free_runs_of_a_ring_down",
     "problem": "problem",
-    "rest": "rest",
-    "rings": "rings",
     "start": "start",
-    "start_values": "start_values watch_list",
+    "start_values": "start_values watch_list rings",
     "symmetries": "symmetries",
 }
-_COMPLETENESS = {"judgement": "judgement", "scan": "scan scan_parts angle_sensitivity"}
+_COMPLETENESS = {"turning": "completeness angle_sensitivity"}
 _SHARED = {
     "diagnosis": "promised closed_forms",
     "record": "promised closed_forms",
     "thresholds": "thresholds",
-    "thresholds_page": "thresholds closed_forms",
 }
 _RESIDUAL = {
     "analysis": "residual residual_findings closed_forms",
-    "demodulation": "residual residual_measures closed_forms",
-    "dependence": "residual_measures residual closed_forms",
-    "effective": "judgement determined",
     "floor": "residual_measures residual",
     "significance": "residual_measures residual",
     "spectrum": "residual_measures residual closed_forms",
-    "suspects": "residual",
     "whiteness": "residual_measures residual closed_forms",
 }
 _RATE_SENSOR = (
@@ -93,7 +86,6 @@ _RATE_SENSOR = (
 )
 
 _WIRE = {
-    "generate.c_header": "firmware/test_spec wire/test_golden wire/test_generators",
     "can_adapter": "wire/test_adapter wire/test_datagram_links wire/test_wire_log",
     "can_format": "wire/test_can_format wire/test_datagram_links",
     "can_link": "wire/test_can_kernel wire/test_datagram_links",
@@ -101,15 +93,11 @@ _WIRE = {
     "client": "wire/test_waiting wire/test_endpoint wire/test_small_promises wire/test_light",
     "codec": "wire/test_codec wire/test_golden wire/test_stream",
     "datagram_link": "wire/test_datagrams wire/test_datagram_links",
-    "generate.dbc": "firmware/test_dbc wire/test_spec wire/test_generators",
-    "generate.docs": "wire/test_docs wire/test_generators",
     "endpoint": "wire/test_endpoint wire/test_keeping",
     "fd_link": "wire/test_ports wire/test_small_promises wire/test_links",
     "frame_format": "wire/test_can_format wire/test_framing wire/test_golden",
     "framing": "wire/test_framing wire/test_golden wire/test_corpus",
-    "generate.golden": "wire/test_golden wire/test_generators",
     "inproc": "wire/test_endpoint wire/test_links wire/test_light",
-    "generate.keyed_page": "wire/test_keyed wire/test_docs",
     "link": "wire/test_ports wire/test_endpoint",
     "links": "wire/test_links wire/test_datagram_links wire/test_light",
     "messages": "wire/test_codec wire/test_golden wire/test_sense wire/test_endpoint",
@@ -138,15 +126,15 @@ TESTS: dict[str, list[str]] = {
     "hil.verdict.model": ["tests/verdict/test_model.py"],
     "hil.verdict.safety": ["tests/verdict/test_safety.py"],
     "estimator.uncertainty": ["tests/verdict/test_budget_rows.py", "tests/estimator/test_uncertainty.py"],
-    "hil.loop.account": ["tests/loop/test_account.py"],
-    "hil.loop.armed": ["tests/loop/test_armed.py"],
-    "hil.loop.echo": ["tests/loop/test_echo.py"],
-    "hil.loop.turn": ["tests/loop/test_turn.py"],
-    "hil.loop.levels": ["tests/loop/test_levels.py"],
-    "hil.loop.preflight": ["tests/loop/test_preflight.py"],
-    "hil.loop.signs": _SIGNS,
-    "hil.loop.stopping": ["tests/loop/test_stopping_clock.py"],
-    "hil.loop.stops": _STOPS,
+    "hil.running.account": ["tests/running/test_account.py"],
+    "hil.running.armed": ["tests/running/test_armed.py"],
+    "hil.running.echo": ["tests/running/test_echo.py"],
+    "hil.running.turn": ["tests/running/test_turn.py"],
+    "hil.running.levels": ["tests/running/test_levels.py"],
+    "hil.running.preflight": ["tests/running/test_preflight.py"],
+    "hil.running.signs": _SIGNS,
+    "hil.running.stopping": ["tests/running/test_stopping_clock.py"],
+    "hil.running.stops": _STOPS,
     "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": _BLOCKS,
     "hil.records.check": ["tests/records/test_check_rules.py"],
@@ -173,5 +161,5 @@ TESTS: dict[str, list[str]] = {
         ]
         for module in _RATE_SENSOR
     },
-    **{f"estimator.rate_sensor.{module}": ["tests/rate_sensor/test_allan.py"] for module in ("allan", "noise")},
+    **{f"estimator.allan.{module}": ["tests/allan/test_deviation.py"] for module in ("deviation", "noise")},
 }

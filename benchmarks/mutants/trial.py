@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.mutants.changes import Mutant, mutants
 
-_PROJECT = ("hil", "estimator", "device_emulator", "tests", "examples")
+_PROJECT = ("hil", "estimator", "device_emulator", "tests", "tools", "examples")
 _LIBRARIES = (
     *("pytest", "_pytest.assertion.rewrite", "numpy", "scipy.special", "scipy.linalg", "scipy.signal"),
     *("sympy", "sympy.printing.pycode", "scipy.optimize", "scipy.integrate", "scipy.stats", "mpmath"),

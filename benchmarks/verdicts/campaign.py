@@ -72,11 +72,11 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     from hil.bench.template import template, values_of
     from hil.errors import InputError
     from hil.errors.strict_toml import parse_table
-    from hil.loop.request import RunRequest
-    from hil.loop.run import run
     from hil.records.atomic import write_text
     from hil.records.result import load_result
     from hil.records.runfolder import RunFolder
+    from hil.running.request import RunRequest
+    from hil.running.run import run
     from hil.scoring.score import score
 
     place = folder / f"{order.draw}-{order.name}"

@@ -44,7 +44,7 @@ def main() -> int:
     parser.add_argument("record", nargs="*", help=f"one of {', '.join(RECORDS)}; default all")
     parser.add_argument("--data", type=Path, default=data_folder(), help="folder of the records; default %(default)s")
     parser.add_argument("--out", type=Path, default=Path("runs/measured.json"), help="default %(default)s")
-    parser.add_argument("--page", type=Path, default=Path("docs/results/measured.md"), help="default %(default)s")
+    parser.add_argument("--page", type=Path, default=Path("evaluation/results/measured.md"), help="default %(default)s")
     options = parser.parse_args()
     if unknown := set(options.record) - set(RECORDS):
         parser.error(f"no record {', '.join(sorted(unknown))}; known: {', '.join(RECORDS)}")

@@ -8,7 +8,7 @@ are resampled, so that only what lies within the motion's own band is compared. 
 """
 
 import math
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -22,8 +22,6 @@ from estimator.effects.declaration import Coefficient, Source
 from estimator.errors import ModelError
 from estimator.model.gyro import vx, x
 from estimator.scaling import Array, Scaling
-from evaluation.measured.criterion import extended
-from evaluation.measured.engine import Dissent, Estimate, Rules, Score, Trial, choose
 
 BASE = ("inertia", "damping", "stiffness", "offset")
 _REST = 0.01  # of A ω0: about as slow, friction turns over
@@ -32,6 +30,7 @@ _CUT = 5  # resampled rows at each end, where the filters have no past or no fut
 _T95 = 1.959963984540054
 _EXCITED = 0.05  # of an effect's signature, what must be left when the base model is taken out
 _WORTH = 0.05  # of the held-out error, what an effect must take: the filters bend a kink by about a hundredth
+_TRIFLE = 0.02  # of the largest coefficient of an effect, what chance makes of one that is not there
 _ALIKE = 0.98  # correlation of signatures above which a record does not tell two effects apart
 Signature = Callable[[Array, Array], Array]
 
@@ -179,74 +178,58 @@ class ForceTrace:
     alike: tuple[tuple[str, str, float], ...]
 
 
-@dataclass(frozen=True)
-class ForceModel:
-    """`evaluation.measured.engine.Model` of the force domain, fitted to one record while the other must agree; `names`
-    are the candidates, chosen among `known`.
-    """
-
-    fitting: Motion
-    held_out: Motion
-    scaling: Scaling
-    names: tuple[str, ...]
-    known: int
-
-    def promise(self, current: ForceFit, barred: Collection[str]) -> tuple[str, ...]:
-        """Who is left: a fit is so cheap that nothing is said beforehand of what it explains."""
-        return tuple(name for name in self.names if name not in current.effects and name not in barred)
-
-    def hopeful(
-        self, look: tuple[str, ...], tried: Mapping[str, Trial[ForceFit]], refused: Collection[str], number: int
-    ) -> Sequence[str]:
-        """All of them."""
-        return look
-
-    def fit(
-        self, current: ForceFit, look: tuple[str, ...], names: Sequence[str], tried: Mapping[str, Trial[ForceFit]]
-    ) -> Mapping[str, ForceFit]:
-        """Least squares."""
-        return {name: fit_forces(self.fitting, (*current.effects, name), self.scaling) for name in names}
-
-    def score(self, current: ForceFit, look: tuple[str, ...], fits: Mapping[str, ForceFit]) -> Mapping[str, Score]:
-        """Gains counted in the independent samples that the closest of them leaves."""
-        samples = effective_samples(min(fits.values(), key=lambda trial: trial.rms).residual)
-        scores = {}
-        for name, trial in fits.items():
-            gain = max(samples - len(trial.values), 1.0) * 2.0 * math.log(current.rms / trial.rms)
-            price = extended(len(trial.values) - len(current.values), samples, self.known)
-            scores[name] = Score(gain, gain, price, price)
-        return scores
-
-    def coefficients(self, fit: ForceFit) -> Mapping[str, Mapping[str, Estimate]]:
-        """As forces, in the drive's unit."""
-        ends = zip(fit.names, fit.values.tolist(), fit.half_widths.tolist(), strict=True)
-        known = {name: (value, value - half, value + half) for name, value, half in ends}
-        return {
-            name: {c.name: Estimate(*known[c.name], c.positive) for c in effect_for(name, 1)[1].coefficients}
-            for name in fit.effects
-        }
-
-    def objection(self, current: ForceFit, name: str, trial: Trial[ForceFit]) -> str | None:
-        """The held-out record must be predicted better, and that by more than the filters bend a kink."""
-        was, now = (_rms(fit.residual_on(self.held_out, self.scaling)) for fit in (current, trial.fit))
-        if now > (1.0 - _WORTH) * was:
-            return "fits the fitting record better and the held-out record no better, or worse"
-        return None
-
-
 def trace_forces(fitting: Motion, held_out: Motion, scaling: Scaling) -> ForceTrace:
-    """Add effects one after another as long as the fitting record asks for them and the held-out one agrees."""
+    """Add effects one after another as long as the fitting record asks for them and the held-out one agrees.
+
+    Of each round the effect with the largest gain less its price is added.  A gain is that of twice the log-likelihood,
+    counted in the independent samples that the closest model leaves.
+    """
     before = fit_forces(fitting, (), scaling)
     names = candidates()
     rejected = {name: "not excited by this record" for name in names if not _excited(fitting, name, scaling)}
-    left = tuple(name for name in names if name not in rejected)
-    model = ForceModel(fitting, held_out, scaling, left, len(names))
-    chosen = choose(model, before, Rules(most=len(left), dissent=Dissent.AGAIN))
-    rejected |= chosen.barred
-    for name, gain in chosen.rounds[-1].gains.items():
-        rejected[name] = f"evidence {gain:.1f} does not outweigh its coefficients"
-    after = chosen.fit
-    return ForceTrace(before, after, dict(chosen.gains), rejected, _alike(fitting, after, rejected, scaling))
+    after, evidence = before, dict[str, float]()
+    while left := [name for name in names if name not in after.effects and name not in rejected]:
+        fits = {name: fit_forces(fitting, (*after.effects, name), scaling) for name in left}
+        rejected |= {name: f"fits only with a negative {wrong}" for name in left if (wrong := _negative(fits[name]))}
+        valid = {name: fit for name, fit in fits.items() if name not in rejected}
+        if not valid:
+            break
+        samples = effective_samples(min(valid.values(), key=lambda fit: fit.rms).residual)
+        gains, worth = {}, {}
+        for name, fit in valid.items():
+            gains[name] = max(samples - len(fit.values), 1.0) * 2.0 * math.log(after.rms / fit.rms)
+            worth[name] = gains[name] - price(len(fit.values) - len(after.values), samples, len(names))
+        best = max(worth, key=lambda name: worth[name])
+        if not worth[best] > 0.0:
+            rejected |= {
+                name: f"evidence {gain:.1f} does not outweigh its coefficients" for name, gain in gains.items()
+            }
+            break
+        was, now = (_rms(fit.residual_on(held_out, scaling)) for fit in (after, valid[best]))
+        if now > (1.0 - _WORTH) * was:
+            rejected[best] = "fits the fitting record better and the held-out record no better, or worse"
+        else:
+            after, evidence[best] = valid[best], gains[best]
+    return ForceTrace(before, after, evidence, rejected, _alike(fitting, after, rejected, scaling))
+
+
+def price(numbers: int, samples: float, candidates: int) -> float:
+    """What so many numbers must gain, one of so many candidates chosen (Chen & Chen, Biometrika 95(3), 2008)."""
+    return numbers * math.log(samples) + 2.0 * math.log(max(candidates, 1))
+
+
+def _negative(fit: ForceFit) -> str | None:
+    """A coefficient that is negative beyond doubt though it is declared positive, and no trifle beside the largest of
+    its effect that is there beyond doubt: where one has an effect and another none, chance makes one of those.
+    """
+    ends = dict(zip(fit.names, zip(fit.values, fit.half_widths, strict=True), strict=True))
+    for effect in fit.effects:
+        own = {c.name: ends[c.name] for c in effect_for(effect, 1)[1].coefficients if c.positive}
+        largest = max((value for value, half in own.values() if value > half), default=0.0)
+        for name, (value, half) in own.items():
+            if value + half < 0.0 and -value > _TRIFLE * largest:
+                return name
+    return None
 
 
 def _rms(series: Array) -> float:

@@ -1,6 +1,7 @@
 """A measured oscillator from its files to a trace: imported by its map, declared by its bench file."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from estimator.chance import TWO_SIDED
@@ -13,7 +14,7 @@ from estimator.trace.free_run import FreeRun
 from estimator.trace.named import constants_of, effects_of
 from estimator.trace.problem import Problem
 from estimator.trace.result import share_of, verdict_of
-from estimator.trace.trace import evidence_of, judge
+from estimator.trace.trace import evidence_of, judge, judged_of
 from evaluation.measured.outcome import Say
 from hil.bench import examples, load_bench
 from hil.importing.importer import import_record
@@ -47,7 +48,7 @@ def confirmed(name: str, chosen: Chosen, whole: Record) -> tuple[Chosen, str, tu
     problem, split = Problem(whole, *declared(name)), chosen.of.samples
     of = FreeRun(problem)
     before = of.examined(constants_of(chosen.before), effects_of(chosen.before), split)
-    found = judge(problem, of, chosen, before, split)
+    found = judge(chosen, partial(judged_of, problem, of, chosen, before, split))
     against = tuple(check.sentence for check in found.checks if not check.passed)
     return replace(chosen, after=found.evidence.model), found.verdict.value, against
 
@@ -56,7 +57,11 @@ def judged(name: str, chosen: Chosen, test: Record) -> tuple[str, tuple[str, ...
     """The word on `test`, a record by itself, of what was chosen, and what speaks against it."""
     evidence = evidence_of(FreeRun(Problem(test, *declared(name)), fitted=False), chosen, chosen.after, None, None)
     checks = [check for checker in CHECKS for check in checker(evidence)]
-    word = verdict_of(list(evidence.without), checks, share_of(evidence) if evidence.without else None)
+    word = verdict_of(
+        list(evidence.without),
+        checks,
+        share_of(evidence.before_ratio, evidence.floor_ratio) if evidence.without else None,
+    )
     return word.value, tuple(check.sentence for check in checks if not check.passed)
 
 

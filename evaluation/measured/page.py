@@ -1,4 +1,4 @@
-"""docs/results/measured.md and its figures, from the outcomes of a run."""
+"""evaluation/results/measured.md and its figures, from the outcomes of a run."""
 
 from collections.abc import Sequence
 from pathlib import Path

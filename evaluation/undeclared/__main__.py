@@ -22,7 +22,7 @@ from hil.sweeping.sweep import Stopped
 
 FOLDER = Path("runs/undeclared")
 TARGET = Path("runs/undeclared.json")
-PAGE = Path("docs/results")
+PAGE = Path("evaluation/results")
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

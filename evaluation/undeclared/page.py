@@ -1,4 +1,4 @@
-"""docs/results/undeclared.md and its confusion matrix."""
+"""evaluation/results/undeclared.md and its confusion matrix."""
 
 from collections.abc import Mapping, Sequence, Set
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""All judgements in figures: runs/undeclared.json, and the page docs/results/undeclared.md with its picture."""
+"""All judgements in figures: runs/undeclared.json, and the page evaluation/results/undeclared.md with its picture."""
 
 import statistics
 from collections import Counter

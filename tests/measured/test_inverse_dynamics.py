@@ -14,6 +14,7 @@ from evaluation.measured.inverse_dynamics import (
     columns,
     fit_forces,
     motion_of,
+    price,
     resampled,
     trace_forces,
 )
@@ -91,3 +92,16 @@ def test_bad_requests_are_refused(motions):
         motion_of(position[:100], position[:100], RATE, FILTERS)
     with pytest.raises(ModelError, match="'drive_gain' is no force linear in hx"):
         fit_forces(motions[0], ("drive_gain",), SCALING)
+
+
+def test_a_number_costs_the_logarithm_of_the_samples_and_a_choice_twice_that_of_the_candidates():
+    assert price(3, 1000.0, 7) == pytest.approx(3.0 * np.log(1000.0) + 2.0 * np.log(7.0))
+
+
+@pytest.mark.moderate
+def test_friction_that_drives_is_not_taken():
+    """Dry friction of the wrong sign fits as well, and is none."""
+    motions = [motion_of(*carriage(seed, dry=-5.0), RATE, FILTERS) for seed in (5, 6)]
+    found = trace_forces(*motions, SCALING)
+    assert "dry_friction" not in found.after.effects
+    assert found.rejected["dry_friction"] == "fits only with a negative fx"
