@@ -1,20 +1,22 @@
 # Every target sets itself up: a virtual environment in .venv, nothing outside it, no root.
-# make demo · make test · make test-long · make coverage · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make docs · make install
+# make demo · make test · make test-long · make coverage · make test-vcan · make quick · make check · make bench · make undeclared · make measured · make docs · make wheel · make install
 
 PYTHON ?= python3
 BIN    := .venv/bin
 STAMP  := .venv/.installed
 DEV    := .venv/.dev
 DOCS   := .venv/.docs
+WHEEL  := .venv/.wheel
+DIST   ?= dist
 NODE   := .venv/node
 TOOLS  := $(NODE)/node_modules/.package-lock.json
 VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
-NATIVE := device_emulator/native/libdevice.so.1 hil/loop/native/libturn.so.1 hil/plugins/native/libplugin.so.1 estimator/core/libcore.so.1
-NATIVE_SOURCES := $(wildcard device_emulator/native/*.[ch] hil/loop/native/*.[ch] hil/plugins/native/*.[ch] estimator/core/*.[ch] \
+NATIVE := device_emulator/native/libdevice.so.1 hil/running/native/libturn.so.1 hil/plugins/native/libplugin.so.1 estimator/core/libcore.so.1
+NATIVE_SOURCES := $(wildcard device_emulator/native/*.[ch] hil/running/native/*.[ch] hil/plugins/native/*.[ch] estimator/core/*.[ch] \
   estimator/core/*/*.py estimator/model/*.py estimator/effects/*.py) firmware/src/hil_spec.c firmware/src/hil_spec.h
 
-.PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured docs
+.PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured docs wheel
 
 help:
 	@echo "make demo     close the loop in real time, trace what the model lacks, close it again with it"
@@ -25,9 +27,10 @@ help:
 	@echo "make quick    the tests of daily work"
 	@echo "make check    lint, types (those of the page as well), import contracts"
 	@echo "make bench    speed, each figure beside a peer in the same run, as one table, and into runs/bench.json"
-	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; docs/results/undeclared.md"
+	@echo "make undeclared  hundreds of emulated records with an effect nobody declared, traced; evaluation/results/undeclared.md"
 	@echo "make docs     the pages of docs/ as a site, in site/; a broken link or a page without a menu entry fails"
-	@echo "make measured real records traced (DATA=folder), into runs/measured.json and docs/results"
+	@echo "make wheel    a wheel for any Linux of this processor with glibc 2.17 or later, in dist/"
+	@echo "make measured real records traced (DATA=folder), into runs/measured.json and evaluation/results"
 	@echo "make install  the .venv that the others need (they do it themselves)"
 
 install: $(NATIVE) $(DEV) $(PAGE)
@@ -91,10 +94,18 @@ measured: $(NATIVE) $(DEV)
 docs: $(DOCS)
 	NO_MKDOCS_2_WARNING=1 PATH=$(CURDIR)/$(BIN):$$PATH $(BIN)/mkdocs build --strict
 
+# Compiled by zig, which knows old versions of glibc, from the source distribution: nothing in this folder changes.
+wheel: $(WHEEL)
+	CC="$(CURDIR)/$(BIN)/python -m ziglang cc -target $$(uname -m)-linux-gnu.2.17 -mcpu=baseline" \
+	  $(BIN)/uv build --quiet --out-dir $(DIST)/raw .
+	PATH=$(CURDIR)/$(BIN):$$PATH $(BIN)/auditwheel repair --plat manylinux_2_17_$$(uname -m) --wheel-dir $(DIST) \
+	  $(DIST)/raw/gyrohil-*.whl
+	@rm -r $(DIST)/raw
+
 # By uv, a third of the time; by pip where there is no uv, or where it cannot reach what pip is told of.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 INTO = $(BIN)/uv pip install --quiet --no-cache --python $(BIN)/python $(1) || $(PIP) $(1)
-$(STAMP) $(DEV) $(DOCS): export PYTHONPYCACHEPREFIX :=
+$(STAMP) $(DEV) $(DOCS) $(WHEEL): export PYTHONPYCACHEPREFIX :=
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
 $(STAMP): pyproject.toml
@@ -122,6 +133,11 @@ $(DEV): $(STAMP)
 # What the site of documentation is built with.
 $(DOCS): $(STAMP)
 	@$(call INTO,--editable '.[docs]')
+	@touch $@
+
+# What builds the wheel.
+$(WHEEL): $(STAMP)
+	@$(call INTO,--editable '.[wheel]')
 	@touch $@
 
 # What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page

@@ -13,9 +13,14 @@ from types import ModuleType
 ROOT = Path(__file__).parent
 CORE = ROOT / "estimator" / "core"
 LIBRARIES = {
-    "device_emulator/native/libdevice.so.1": ("device_emulator/native/device.c",),
+    "device_emulator/native/libdevice.so.1": (
+        "device_emulator/native/device.c",
+        *(f"firmware/src/hil_{name}.c" for name in ("spec", "frame", "crc32c")),
+    ),
     "hil/plugins/native/libplugin.so.1": ("hil/plugins/native/plugin.c",),
-    "hil/loop/native/libturn.so.1": ("hil/loop/native/turn.c", "firmware/src/hil_spec.c"),
+    "hil/plugins/native/libslow_flow.so.1": ("hil/plugins/native/slow_flow/slow_flow.c",),
+    "hil/plugins/native/libclassic.so.1": ("hil/plugins/native/classic/classic.c",),
+    "hil/running/native/libturn.so.1": ("hil/running/native/turn.c", "firmware/src/hil_spec.c"),
 }
 """What is built beside the core, from which sources; paths from the root of the project."""
 

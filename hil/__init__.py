@@ -14,81 +14,50 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from estimator.errors import ModelError
-    from hil.bench import Bench, RateSensorBench
-    from hil.comparing.diff import Comparison
-    from hil.errors import InputError
-    from hil.importing.importer import Imported
-    from hil.library.campaign import Sweep
-    from hil.library.finished_run import Run
-    from hil.library.generating import generate
-    from hil.library.live import Block, Live
-    from hil.library.loading import load, load_trace
-    from hil.library.series import Series
-    from hil.library.tracing import Trace
-    from hil.library.verbs import (
-        compare,
-        diff,
-        dry_run,
-        export,
-        import_record,
-        load_bench,
-        open_live,
-        record,
-        replay,
-        run,
-        score,
-        sweep,
-        trace,
-    )
-    from hil.loop.run import Interrupted
-    from hil.plugins.errors import PluginError
-    from hil.plugins.protocol import Controller, DeclaredDevice, Drive, Estimate, Observer
-    from hil.records.methods import MethodRow, Methods
-    from hil.wire.errors import WireError
+    from estimator.errors import ModelError as ModelError
+    from hil.bench import Bench as Bench
+    from hil.bench import RateSensorBench as RateSensorBench
+    from hil.comparing.diff import Comparison as Comparison
+    from hil.errors import InputError as InputError
+    from hil.identifying.identify import Identified as Identified
+    from hil.importing.importer import Imported as Imported
+    from hil.library.campaign import Sweep as Sweep
+    from hil.library.finished_run import Run as Run
+    from hil.library.generating import generate as generate
+    from hil.library.live import Block as Block
+    from hil.library.live import Live as Live
+    from hil.library.loading import load as load
+    from hil.library.loading import load_trace as load_trace
+    from hil.library.series import Series as Series
+    from hil.library.sheets import Sheet as Sheet
+    from hil.library.tracing import Trace as Trace
+    from hil.library.verbs import characterise as characterise
+    from hil.library.verbs import compare as compare
+    from hil.library.verbs import diff as diff
+    from hil.library.verbs import dry_run as dry_run
+    from hil.library.verbs import export as export
+    from hil.library.verbs import identify as identify
+    from hil.library.verbs import import_record as import_record
+    from hil.library.verbs import load_bench as load_bench
+    from hil.library.verbs import open_live
+    from hil.library.verbs import record as record
+    from hil.library.verbs import replay as replay
+    from hil.library.verbs import run as run
+    from hil.library.verbs import score as score
+    from hil.library.verbs import sweep as sweep
+    from hil.library.verbs import trace as trace
+    from hil.plugins.errors import PluginError as PluginError
+    from hil.plugins.protocol import Controller as Controller
+    from hil.plugins.protocol import DeclaredDevice as DeclaredDevice
+    from hil.plugins.protocol import Drive as Drive
+    from hil.plugins.protocol import Estimate as Estimate
+    from hil.plugins.protocol import Observer as Observer
+    from hil.records.methods import MethodRow as MethodRow
+    from hil.records.methods import Methods as Methods
+    from hil.running.run import Interrupted as Interrupted
+    from hil.wire.errors import WireError as WireError
 
     open = open_live
-
-__all__ = [
-    "Bench",
-    "Block",
-    "Comparison",
-    "Controller",
-    "DeclaredDevice",
-    "Drive",
-    "Estimate",
-    "Imported",
-    "InputError",
-    "Interrupted",
-    "Live",
-    "MethodRow",
-    "Methods",
-    "ModelError",
-    "Observer",
-    "PluginError",
-    "RateSensorBench",
-    "Run",
-    "Series",
-    "Sweep",
-    "Trace",
-    "WireError",
-    "__version__",
-    "compare",
-    "diff",
-    "dry_run",
-    "export",
-    "generate",
-    "import_record",
-    "load",
-    "load_bench",
-    "load_trace",
-    "record",
-    "replay",
-    "run",
-    "score",
-    "sweep",
-    "trace",
-]
 
 __version__: str
 
@@ -100,9 +69,10 @@ _HOMES = {
     "DeclaredDevice": "hil.plugins.protocol",
     "Drive": "hil.plugins.protocol",
     "Estimate": "hil.plugins.protocol",
+    "Identified": "hil.identifying.identify",
     "Imported": "hil.importing.importer",
     "InputError": "hil.errors",
-    "Interrupted": "hil.loop.run",
+    "Interrupted": "hil.running.run",
     "Live": "hil.library.live",
     "MethodRow": "hil.records.methods",
     "Methods": "hil.records.methods",
@@ -112,14 +82,17 @@ _HOMES = {
     "RateSensorBench": "hil.bench",
     "Run": "hil.library.finished_run",
     "Series": "hil.library.series",
+    "Sheet": "hil.library.sheets",
     "Sweep": "hil.library.campaign",
     "Trace": "hil.library.tracing",
     "WireError": "hil.wire.errors",
+    "characterise": "hil.library.verbs",
     "compare": "hil.library.verbs",
     "diff": "hil.library.verbs",
     "dry_run": "hil.library.verbs",
     "export": "hil.library.verbs",
     "generate": "hil.library.generating",
+    "identify": "hil.library.verbs",
     "import_record": "hil.library.verbs",
     "load": "hil.library.loading",
     "load_bench": "hil.library.verbs",
@@ -132,6 +105,10 @@ _HOMES = {
     "sweep": "hil.library.verbs",
     "trace": "hil.library.verbs",
 }
+
+
+__all__ = sorted({*_HOMES, "__version__"} - {"open"})  # of which `from hil import *` would hide the built-in
+"""All that is offered besides `open`."""
 
 
 if not TYPE_CHECKING:  # whose checkers would take any name for one that is there

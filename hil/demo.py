@@ -1,6 +1,6 @@
 """The whole bench once over, on a board with an effect that nobody told the host of: run, trace, add, run again.
 
-What the emulated board is started with comes from what this machine holds, measured first (`hil.loop.rehearsal`).
+What the emulated board is started with comes from what this machine holds, measured first (`hil.running.rehearsal`).
 """
 
 import tempfile
@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil.bench import Bench, examples, load_bench, override
-from hil.doctor.started import Started, after_late, measured
 from hil.progress import Progress, Watcher
 from hil.records.result import Result, load_result, save_result
 from hil.records.runfolder import RunFolder
+from hil.running.started import Started, after_late, measured
 
 EXAMPLE = "s-undeclared"
 LOOP = {"duration_s": 12.0, "settle_s": 4.0}
@@ -189,8 +189,8 @@ class _Runs:
         self._progress(Progress("fit", 0, 0, note=started.words))
 
     def _once(self, bench: Bench) -> tuple[Path, Path]:
-        from hil.loop.request import RunRequest
-        from hil.loop.run import run
+        from hil.running.request import RunRequest
+        from hil.running.run import run
 
         assert self._started is not None
         self._made += 1

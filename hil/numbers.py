@@ -163,3 +163,9 @@ def signed(value: float, digits: int = 3) -> str:
 def _in_parts(value: float) -> tuple[float, str]:
     """Factor and unit of a dimensionless number: %, or ppm below 0.1 %."""
     return (1e2, "%") if abs(value) >= 1e-3 else (1e6, "ppm")
+
+
+def with_and(names: Iterable[str]) -> str:
+    """`a, b and c`."""
+    *others, last = names
+    return f"{', '.join(others)} and {last}" if others else last

@@ -1,7 +1,10 @@
-"""What a long piece of work tells whoever watches; the command line draws it, tests count it."""
+"""What a long piece of work tells its watcher: the command line draws it, tests count it."""
 
+import sys
 from collections.abc import Callable
 from typing import NamedTuple
+
+from hil.errors import printable
 
 
 class Progress(NamedTuple):
@@ -21,3 +24,14 @@ Watcher = Callable[[Progress], None]
 
 def untold(_: Progress) -> None:
     """Instead of a watcher, where nobody watches."""
+
+
+def alarms_only(progress: Progress) -> None:
+    """What nobody may miss goes to standard error, the rest nowhere."""
+    if progress.alarm:
+        alarm(progress.alarm)
+
+
+def alarm(words: str) -> None:
+    """Say on standard error what may move or is still driven."""
+    print(printable(f"hil: UNSAFE: {words}"), file=sys.stderr, flush=True)

@@ -3,12 +3,10 @@
 import os
 import re
 import signal
-import subprocess
-import sys
 from collections import Counter, defaultdict
-from collections.abc import Generator, Iterable
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import nullcontext
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import settings
@@ -58,14 +56,15 @@ def whole_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _forked_loop(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Where no clock counts, the loop's process is a fork of this one, once this one has loaded it."""
-    loaded = sys.modules.get("hil.loop.supervision")
-    if loaded is None or request.node.get_closest_marker("realtime"):
+def _forked(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Where no clock counts, processes of ours are forks of this one, once this one has loaded what starts them."""
+    if request.node.get_closest_marker("realtime"):
+        yield
         return
-    from tests.forked import Forked
+    from tests.forked import forking
 
-    monkeypatch.setattr(loaded, "subprocess", SimpleNamespace(Popen=Forked, PIPE=subprocess.PIPE))
+    with forking():
+        yield
 
 
 @pytest.fixture
@@ -75,7 +74,8 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     def written(_: Path) -> None:
         pass
 
-    monkeypatch.setattr("hil.report.write_report", written)
+    monkeypatch.setattr("hil.report.page.write_report", written)
+    monkeypatch.setattr("hil.running.run._artist", lambda _: nullcontext())
 
 
 @pytest.fixture
@@ -85,7 +85,7 @@ def no_scan(monkeypatch: pytest.MonkeyPatch) -> None:
     def scanned(*_: object) -> None:
         pass
 
-    monkeypatch.setattr("hil.loop.closing_scan.scan_run", scanned)
+    monkeypatch.setattr("hil.running.closing_scan.scan_run", scanned)
 
 
 def pytest_itemcollected(item: pytest.Item) -> None:

@@ -14,15 +14,17 @@ from pydantic import BaseModel
 import hil
 from hil.bench import Bench
 from hil.bench.template import template, values_of
+from hil.characterising.options import CharacteriseOptions, LocalCharacteriseOptions
 from hil.cli.app import VERBS
 from hil.client import Board, Service, connect
+from hil.identifying.options import IdentifyOptions, LocalIdentifyOptions
 from hil.importing.options import ImportOptions, LocalImportOptions
-from hil.loop.options import FileOptions, LocalRunOptions, RunOptions
 from hil.options import Keyword, keywords_of
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.replaying.options import ReplayOptions
-from hil.sensors.options import RecordOptions
+from hil.running.options import FileOptions, LocalRunOptions, RunOptions
+from hil.sensors.options import LocalRecordOptions, RecordOptions
 from hil.service.jobs.asked import Asked
 from hil.service.routes_board import Start
 from hil.sweeping.campaign import Campaign
@@ -31,7 +33,7 @@ from hil.testing.board import BoardUnderTest
 from hil.testing.record import RecordUnderTest
 from hil.testing.sensor import SensorUnderTest
 from hil.tracing.options import TraceOptions
-from tests.loop import gyro
+from tests.running import gyro
 from tests.service.serving import serving
 from tests.test_pytest_plugin import PLUGIN
 
@@ -102,7 +104,15 @@ CALLERS: dict[str, tuple[type, type, dict[str, Takes]]] = {
         "command line": words("replay"), "library": keyword(hil.replay), "service": body("replay"),
         "client": keyword(Service.replay), "record of a test": keyword(RecordUnderTest.replay),
     }),
-    "record": (RecordOptions, RecordOptions, {
+    "characterise": (CharacteriseOptions, LocalCharacteriseOptions, {
+        "command line": words("characterise"), "library": keyword(hil.characterise), "service": body("characterise"),
+        "client": keyword(Service.characterise),
+    }),
+    "identify": (IdentifyOptions, LocalIdentifyOptions, {
+        "command line": words("identify"), "library": keyword(hil.identify), "service": body("identify"),
+        "client": keyword(Service.identify),
+    }),
+    "record": (RecordOptions, LocalRecordOptions, {
         "command line": words("record"), "library": keyword(hil.record), "service": body("record"),
         "client": keyword(Service.record), "sensor of a test": keyword(SensorUnderTest.record),
     }),
@@ -128,10 +138,10 @@ def test_it_is_there(takes: Takes, one: Keyword) -> None:
 
 
 def test_no_request_names_a_file() -> None:
-    for kind in ("run", "trace", "replay", "record", "import", "sweep"):
+    for kind in ("run", "trace", "replay", "record", "import", "sweep", "characterise", "identify"):
         _, here, _ = CALLERS[kind]
         for one in keywords_of(here):
-            if one.name in ("truth", "wire_log", "out", "scheduler", "replace"):
+            if one.name in ("truth", "wire_log", "out", "scheduler", "replace", "junit", "calibrate", "baseline"):
                 assert not body(kind)(one)
     assert not any(field(Start)(one) for one in keywords_of(FileOptions))
 
@@ -272,7 +282,7 @@ def test_it_acts(place: Callable[[str], Place], caller: str, option: str) -> Non
 
 
 def test_every_option_of_a_run_is_tried() -> None:
-    assert set(ACTED) == {one.name for one in keywords_of(LocalRunOptions)} - {"wire_log"}
+    assert set(ACTED) == {one.name for one in keywords_of(LocalRunOptions)} - {"wire_log", "reference"}
 
 
 @pytest.mark.slow
@@ -306,8 +316,9 @@ def test_the_wire_log_reaches_the_loop(place: Callable[[str], Place], *, live: b
     options = ["--wire-log", str(at.runs.parent / "bus.log"), "--out", str(at.runs), *(["--live"] if live else [])]
     command = [sys.executable, "-m", "hil", "run", str(at.bench), "--link", f"pty:{at.scenario}", *options]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "has no CAN frames to log; use a link can:…" in done.stderr
+    logs = "".join(log.read_text() for log in at.runs.glob(".service/board.log"))
+    assert done.returncode == 2, f"{done.stderr}\n{logs}"
+    assert "has no CAN frames to log; use a link can:…" in done.stderr, f"{done.stderr}\n{logs}"
 
 
 def test_the_wire_log_reaches_the_loop_from_the_library(place: Callable[[str], Place]) -> None:

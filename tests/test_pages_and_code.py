@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from estimator.trace import checks, search
+from estimator.trace import checks, likelihood, search
 from estimator.trace.ambiguity import TIE
 from estimator.trace.result import MOST
 from hil.bench.calibration import ASSUMED, Assumed, Calibration
@@ -54,11 +54,11 @@ def test_pages_repeat_what_the_tracer_decides_by_as_it_is() -> None:
     )
     assert f"comes within {TIE:g}, odds" in " ".join(EXPLANATION.split())
     table = (DOCS / "reference" / "trace.md").read_text(encoding="utf-8")
-    assert f"less than {checks.AT_FLOOR:g} × the noise floor" in table
+    assert f"less than {likelihood.AT_FLOOR:g} × the noise floor" in table
     assert f"more than {checks.PRIOR:g} standard deviations from what the bench file declares" in table
     assert f"negative by more than {search.FORBIDDEN:g} standard deviations" in table
     assert f"less than {100.0 * checks.DISTURBANCE:g} % of the innovation's power" in table
-    assert f"one of {power(1.0 / checks.RARE)} records" in table
+    assert f"one of {power(1.0 / likelihood.RARE)} records" in table
     assert MOST == 0.5
     assert "more than half of the residual's power above the noise floor" in " ".join(table.split())
 

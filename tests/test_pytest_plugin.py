@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from hil.boards.emulation import emulator
-from tests.loop import gyro
+from tests.running import gyro
 
 pytest_plugins = ["pytester"]
 

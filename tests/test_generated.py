@@ -1,0 +1,51 @@
+"""Generated files are as the declarations have them, and pages say the program's numbers in their text."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tools.__main__ import main
+from tools.generated import PAGES, SAID, WHOLE, text_of
+from tools.markdown import filled, table
+
+ROOT = Path(__file__).parents[1]
+NAMES = [*PAGES, *WHOLE]
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize("name", NAMES)
+def test_a_generated_file_is_current(name: str) -> None:
+    now = (ROOT / name).read_text(encoding="utf-8")
+    assert now == text_of(name, now), "run: python -m tools"
+    assert all(f"<!-- generated: {part} -->" in now for part in PAGES.get(name, ()))
+
+
+@pytest.mark.parametrize("name", ["bench", "campaigns", "maps", "scenario"])
+def test_every_key_of_a_file_says_what_it_means(name: str) -> None:
+    assert "|  |" not in (ROOT / "docs" / "reference" / f"{name}.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", SAID)
+def test_a_page_says_the_numbers_of_the_program(name: str) -> None:
+    page = " ".join((ROOT / name).read_text(encoding="utf-8").split())
+    assert [one for one in SAID[name]() if one not in page] == []
+
+
+@pytest.mark.moderate
+def test_what_has_changed_is_written_and_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for name in NAMES:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    old = tmp_path / "docs" / "safety.md"
+    page = old.read_text(encoding="utf-8")
+    old.write_text(filled(page, {"state_table": lambda: "old"}), encoding="utf-8")
+    main(tmp_path)
+    assert capsys.readouterr().out == "docs/safety.md\n"
+    assert old.read_text(encoding="utf-8") == page
+    main(tmp_path)
+    assert capsys.readouterr().out == ""
+
+
+def test_a_bar_in_a_cell_is_no_bar_of_the_table() -> None:
+    assert table(("a", "b"), [("|x|", 1)]) == "| a | b |\n| --- | --- |\n| \\|x\\| | 1 |"
