@@ -39,7 +39,8 @@ class _Map(NamedTuple):
 
     law: what is added to the displacement {x}; {o} is that of the other axis, {v} the velocity, {c} the constant.
     shown, slope, inverse: the map over the gain at rest, its derivative and its inverse, along the axis; c without a
-    unit of its own, 1 K warmer of strain gauges, the corner over ω0 of a layer. noise: over that at rest.
+    unit of its own, 1 K warmer of strain gauges, the corner over ω0 of a layer. noise: over that at rest. aside: what
+    a displacement o of the other axis adds to what is shown.
     """
 
     law: str
@@ -48,6 +49,7 @@ class _Map(NamedTuple):
     slope: Callable[[Array, float], Array]
     inverse: Callable[[Array, float], Array]
     noise: Callable[[Array, float], Array] = lambda x, c: 1.0
+    aside: Callable[[Array, Array, float], Array] = lambda x, o, c: 0.0
 
 
 MAPS: dict[str, _Map] = {
@@ -64,6 +66,7 @@ MAPS: dict[str, _Map] = {
         lambda x, c: x + c * x**3,
         lambda x, c: 1.0 + 3.0 * c * x**2,
         _lens_inverse,
+        aside=lambda x, o, c: c * x * o**2,
     ),
     "piezoresistive": _Map(
         "{c}*T*{x}",
@@ -119,6 +122,14 @@ class Interface:
     def shown(self, axis: int, x: Array) -> Array:
         """What a displacement x (n,) [m] along the axis shows, over the gain at rest [m]; of a layer the amplitude."""
         return self._of("shown", axis, x)
+
+    def channels(self, x: float, y: float) -> Array:
+        """What a displacement (x, y) [m] shows on both axes (2,), over the gain at rest [m]."""
+        along = np.array([self.shown(axis, one) for axis, one in enumerate((x, y))])
+        if not self.constants:
+            return along
+        pairs = zip((x, y), (y, x), self.constants, strict=True)
+        return along + [MAPS[self.kind].aside(one, other, c) for one, other, c in pairs]
 
     def slope(self, axis: int, x: Array) -> Array:
         """Derivative of `shown` (n,)."""

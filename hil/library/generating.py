@@ -50,9 +50,9 @@ def _loaded(name: Path | str) -> tuple[Bench, str]:
 
 
 def assumed_board(bench: Bench, latency: int, sense_scale: float | None, drive_scale: float | None) -> Identity:
-    """A board with converters of 16 bits, whose sense range is four amplitudes."""
-    sense, full = bench.device.sense, 1 << (_BITS - 1)
-    volts = 4.0 * bench.device.amplitude_m * max(abs(gain) for gain in sense.gain_V_per_m)
+    """A board with converters of 16 bits, whose sense range is four times the swing."""
+    full = 1 << (_BITS - 1)
+    volts = 4.0 * max(bench.swing_V)
     return Identity(
         protocol=SPEC.protocol, spec_hash=SPEC.hash, unique_id=0, firmware=0,
         tick_rate_Hz=bench.device.sample_rate_Hz, axes=bench.device.axes, sense_bits=_BITS, drive_bits=_BITS,

@@ -46,7 +46,7 @@ BENCHES: dict[str, dict[str, dict[str, Any]]] = {
 BENCHES |= {
     kind: {"device": {"sense": {**sense, "interface": {"kind": kind, **keys}}}}
     for kind, (_, sense, keys) in BOARDS.items()
-    if kind in ("gap_closing", "optical", "tunnelling")
+    if kind not in ("comb", "piezoresistive")
 }
 
 

@@ -14,12 +14,14 @@ import hil
 from device_emulator.device import Device
 from device_emulator.scenario import Scenario
 from device_emulator.sense import sense_gain
+from estimator.declared_loop import DeclaredLoop
 from estimator.interface import MAPS, Interface
 from estimator.observer import Observer
 from hil.bench import Bench, examples, load_bench, override
 from hil.bench.toml import toml_value
 from hil.errors import InputError
-from hil.inputs.declared import board_device_of, observer_settings_of
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.library.generating import assumed_board
 from hil.running.closing_scan import scan_run
 from hil.tracing.request import request_of
 from hil.tracing.trace import trace
@@ -122,6 +124,28 @@ def test_each_interface_closes_the_loop_on_two_axes_and_its_map_is_in_the_budget
     assert ("sense interface" in rows) == (kind != "comb")
     if kind != "comb":
         assert rows["sense interface"].value == declared.device.known["sense_interface"].u > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", [*BOARDS, "velocity"])
+def test_the_declared_device_shows_what_its_interface_shows(kind: str) -> None:
+    """In the loop in which golden vectors are made and plug-ins tried: the observer finds its noise and its rate."""
+    velocity: dict[str, Any] = {"senses": "velocity", "gain_V_per_m": (-0.7,), "offset_sd_V": 0.003}
+    declared = override(bench("comb"), {"device": {"sense": velocity}}, "test") if kind == "velocity" else bench(kind)
+    identity = assumed_board(declared, 1, None, None)
+    settings = board_device_of(declared), observer_settings_of(declared), controller_settings_of(declared, identity)
+    observer, loop = Observer(*settings), DeclaredLoop(Observer(*settings))
+    found = []
+    for sample in range(8000):
+        sensed, applied = loop.sample()
+        observer.enable_control(sample >= 200)
+        loop.answer(observer.tick(*map(float, sensed), *map(float, applied)))
+        row = observer.newest
+        found.append((float(row["angle"]), float(row["energy_ratio"]), *(row["nu"] / np.sqrt(row["s"]))))
+    angle, energy, *ratios = np.array(found[4000:]).T
+    assert np.sqrt(np.mean(np.square(ratios))) == pytest.approx(1.0, abs=0.05)
+    assert np.mean(energy) == pytest.approx(1.0, abs=0.01)
+    assert (angle[-1] - angle[0]) * 4000.0 / (len(angle) - 1) == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_boards_own_estimator_has_every_map_but_that_over_temperature(tmp_path: Path) -> None:
