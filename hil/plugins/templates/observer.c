@@ -5,23 +5,30 @@
        [observer]
        plugin = "observer.so"
 
-   It follows both axes by in-phase and quadrature components in the frame of a phase that is locked to the motion, with
-   the sense offset beside them (an adaptive notch: Widrow et al., Proc. IEEE 63(12), 1975), and reads the angle of the
-   pattern from them (Lynch, Symposium Gyro Technology, 1995).  It knows nothing of stiffness and damping. */
+   It predicts the motion by the drive that acted, corrects it by the sample, and lets what is left change springs and
+   rate (Luenberger's observer, made adaptive by the gradient: Ioannou & Sun, Robust Adaptive Control, 1996, chapters 4
+   and 5).  The angle of the pattern is Friedland and Hutton's (IEEE Trans. Automatic Control 23(4), 1978), with the turn
+   by forces taken off.  Damping is taken as declared. */
 
 #include <math.h>
 
 #include "gyro_plugin.h"
 
 #define HALF_TURN 3.14159265358979323846
-#define BANDWIDTH 0.2 /* of components and phase, in units of the resonance */
+#define BANDWIDTH 0.2   /* of the motion, in units of the resonance */
+#define ADAPTATION 0.02 /* of springs and rate, likewise; well below the motion's */
 
 /* All that changes from sample to sample. */
 typedef struct {
     gyro_plugin_device device;
-    double step_s, gain, omega, phase;
-    double parts[2][3]; /* of each axis, V: cosine, sine, offset */
-    double theta, turn, imposed, rate;
+    double target, omega, step_s;
+    double half, hold; /* of the vibration in half a sample, rad; what it leaves of a force */
+    double gain;       /* of a displacement, a sample */
+    double motion[4];  /* m: x, vx / omega, y, vy / omega */
+    double offset[2];  /* V */
+    double springs[3]; /* xx, yy, xy */
+    double rate, theta;
+    double turned; /* of the pattern, by no force */
 } observer;
 
 unsigned gyro_plugin_version(void)
@@ -40,61 +47,100 @@ const char *gyro_plugin_init(void *instance, const gyro_plugin_device *device)
     if (device->sense_order != 0.0)
         return "it needs the displacement sensed, not the velocity";
     own->device = *device;
+    own->target = device->target_stiffness_per_s2;
+    own->omega = sqrt(own->target);
     own->step_s = 1.0 / device->sample_rate_Hz;
-    own->omega = sqrt(device->target_stiffness_per_s2);
-    own->gain = BANDWIDTH * own->omega * own->step_s;
+    own->half = 0.5 * own->omega * own->step_s;
+    own->hold = sin(own->half) / own->half;
+    own->gain = 2.0 * BANDWIDTH * own->omega * own->step_s;
+    for (int k = 0; k < 3; k++)
+        own->springs[k] = device->stiffness_per_s2[k];
     return NULL;
 }
 
-/* Turn the phase to where the motion is largest. */
-static void lock(observer *own, const double c[2], const double s[2])
+/* So far on in the free vibration, rad. */
+static void vibrate(double *motion, double angle)
 {
-    double product = c[0] * s[0] + c[1] * s[1];
-    double difference = c[0] * c[0] + c[1] * c[1] - s[0] * s[0] - s[1] * s[1];
-    double error = 0.5 * atan2(-2.0 * product, difference);
-    own->phase += 0.5 * own->gain * error;
-    own->omega += 0.1 * own->gain * own->gain * error / own->step_s;
+    double c = cos(angle), s = sin(angle);
+    for (int axis = 0; axis < 2; axis++) {
+        double *at = motion + 2 * axis, position = at[0], velocity = at[1];
+        at[0] = c * position + s * velocity;
+        at[1] = c * velocity - s * position;
+    }
 }
 
-/* Count the pattern's turn, of which the angle is known modulo a half turn. */
-static void count_turn(observer *own, const double c[2], const double s[2], const gyro_plugin_sample *sample)
+static double pattern_angle(const double *m)
 {
-    double sum = c[0] * c[1] + s[0] * s[1];
-    double theta = 0.5 * atan2(2.0 * sum, c[0] * c[0] + s[0] * s[0] - c[1] * c[1] - s[1] * s[1]);
-    double change = theta - own->theta - HALF_TURN * floor((theta - own->theta) / HALF_TURN + 0.5);
-    own->theta = theta;
-    if ((double)(sample->number + 1) * own->gain < 5.0) /* the components have not settled */
-        return;
-    own->turn += change;
-    own->imposed += sample->virtual_rotation_rad_s * own->step_s;
-    own->rate += own->gain * (-change / own->step_s - sample->virtual_rotation_rad_s - own->rate);
+    return 0.5 * atan2(2.0 * (m[0] * m[2] + m[1] * m[3]), m[0] * m[0] + m[1] * m[1] - m[2] * m[2] - m[3] * m[3]);
+}
+
+static double within_half_turn(double angle)
+{
+    return angle - HALF_TURN * floor(angle / HALF_TURN + 0.5);
+}
+
+/* A sample on: half a sample of free vibration at the target, all that acts beside it, and the other half.  Gives the
+   turn of the pattern by forces. */
+static double predict(observer *own, const double *applied)
+{
+    const double *k = own->springs, *d = own->device.damping_per_s;
+    double *m = own->motion, w = own->omega;
+    vibrate(m, own->half);
+    double before = pattern_angle(m);
+    double ax = applied[0] * own->hold - (k[0] - own->target) * m[0] - k[2] * m[2] - w * (d[0] * m[1] + d[2] * m[3]);
+    double ay = applied[1] * own->hold - (k[1] - own->target) * m[2] - k[2] * m[0] - w * (d[1] * m[3] + d[2] * m[1]);
+    m[1] += ax * own->step_s / w;
+    m[3] += ay * own->step_s / w;
+    double forced = within_half_turn(pattern_angle(m) - before), vx = m[1];
+    double coriolis = 2.0 * own->device.angular_gain * own->rate * own->step_s;
+    m[1] += coriolis * m[3];
+    m[3] -= coriolis * vx;
+    vibrate(m, own->half);
+    return forced;
+}
+
+/* Springs and rate, each by what the displacement owes to it, a quarter of a period behind the force. */
+static void adapt(observer *own, const double *off)
+{
+    const double *m = own->motion;
+    double least = 0.01 * own->device.amplitude_m * own->device.amplitude_m, w = own->omega;
+    double size = fmax(m[0] * m[0] + m[1] * m[1] + m[2] * m[2] + m[3] * m[3], least);
+    double step = 2.0 * ADAPTATION * own->gain * w / size;
+    own->springs[0] += step * w * off[0] * m[1];
+    own->springs[1] += step * w * off[1] * m[3];
+    own->springs[2] += step * w * 0.5 * (off[0] * m[3] + off[1] * m[1]);
+    own->rate += step * 0.5 * (off[0] * m[2] - off[1] * m[0]) / own->device.angular_gain;
 }
 
 void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_plugin_estimate *estimate)
 {
     observer *own = instance;
-    double c[2], s[2];
-    own->phase += own->omega * own->step_s;
-    double cosine = cos(own->phase), sine = sin(own->phase);
-    for (int axis = 0; axis < 2; axis++) {
-        double *parts = own->parts[axis];
-        if (!sample->lost) {
-            double error = sample->sense_V[axis] - (parts[0] * cosine + parts[1] * sine + parts[2]);
-            estimate->innovation_V[axis] = error;
-            parts[0] += 2.0 * own->gain * error * cosine;
-            parts[1] += 2.0 * own->gain * error * sine;
-            parts[2] += 0.1 * own->gain * error;
+    int settled = 0.5 * own->gain * (double)sample->number > 5.0; /* whether the motion is known */
+    double forced = predict(own, sample->applied_mps2);
+    if (!sample->lost) {
+        double off[2];
+        for (int axis = 0; axis < 2; axis++) {
+            double per_m = own->device.sense_gain_V_per_m[axis];
+            estimate->innovation_V[axis] = sample->sense_V[axis] - per_m * own->motion[2 * axis] - own->offset[axis];
+            off[axis] = estimate->innovation_V[axis] / per_m;
+            own->offset[axis] += 0.05 * own->gain * estimate->innovation_V[axis];
         }
-        c[axis] = parts[0] / own->device.sense_gain_V_per_m[axis];
-        s[axis] = parts[1] / own->device.sense_gain_V_per_m[axis];
-        estimate->state[GYRO_PLUGIN_PHI_X + axis] = parts[2];
+        if (settled)
+            adapt(own, off);
+        own->motion[0] += own->gain * off[0];
+        own->motion[2] += own->gain * off[1];
     }
-    lock(own, c, s);
-    count_turn(own, c, s, sample);
+    double theta = pattern_angle(own->motion);
+    if (settled)
+        own->turned += within_half_turn(theta - own->theta) - forced;
+    own->theta = theta;
     for (int axis = 0; axis < 2; axis++) {
-        estimate->state[2 * axis] = c[axis] * cosine + s[axis] * sine;
-        estimate->state[2 * axis + 1] = own->omega * (s[axis] * cosine - c[axis] * sine);
+        estimate->state[2 * axis] = own->motion[2 * axis];
+        estimate->state[2 * axis + 1] = own->omega * own->motion[2 * axis + 1];
+        estimate->state[GYRO_PLUGIN_PHI_X + axis] = own->offset[axis];
     }
-    estimate->state[GYRO_PLUGIN_RATE] = own->rate / own->device.angular_gain;
-    estimate->angle_rad = (-own->turn - own->imposed) / own->device.angular_gain;
+    for (int k = 0; k < 3; k++)
+        estimate->state[GYRO_PLUGIN_KXX + k] = own->springs[k];
+    estimate->state[GYRO_PLUGIN_RATE] = own->rate;
+    estimate->angle_rad = -own->turned / own->device.angular_gain;
 }

@@ -3,9 +3,10 @@
     [observer]
     plugin = "observer.py:MyObserver"
 
-It follows both axes by in-phase and quadrature components in the frame of a phase that is locked to the motion, with
-the sense offset beside them (an adaptive notch: Widrow et al., Proc. IEEE 63(12), 1975), and reads the angle of the
-pattern from them (Lynch, Symposium Gyro Technology, 1995).  It knows nothing of stiffness and damping.
+It predicts the motion by the drive that acted, corrects it by the sample, and lets what is left change springs and rate
+(Luenberger's observer, made adaptive by the gradient: Ioannou & Sun, Robust Adaptive Control, 1996, chapters 4 and 5).
+The angle of the pattern is Friedland and Hutton's (IEEE Trans. Automatic Control 23(4), 1978), with the turn by forces
+taken off.  Damping is taken as declared.
 """
 
 import math
@@ -13,7 +14,9 @@ import math
 import hil
 
 BANDWIDTH = 0.2
-"""Of components and phase, in units of the resonance; a controller that is as fast does not see it as a delay."""
+"""Of the motion, in units of the resonance; a controller that is as fast does not see it as a delay."""
+ADAPTATION = 0.02
+"""Of springs and rate, likewise; well below the motion's."""
 
 
 class MyObserver:
@@ -23,66 +26,91 @@ class MyObserver:
         if device.sense_order != 0:
             raise ValueError("it needs the displacement sensed, not the velocity")
         self.device = device
+        self.target = device.target_stiffness_per_s2
+        self.omega = math.sqrt(self.target)
         self.step_s = 1.0 / device.sample_rate_Hz
-        self.omega = math.sqrt(device.target_stiffness_per_s2)
-        self.gain = BANDWIDTH * self.omega * self.step_s  # of a component, a sample
-        self.phase = 0.0
-        self.components = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.0]]  # of each axis, V: cosine, sine, offset
-        self.theta = self.theta_before = 0.0
-        self.turn = 0.0  # of the pattern, since the first sample
-        self.imposed = 0.0  # of it, by virtual rotation
+        self.half = 0.5 * self.omega * self.step_s  # rad, of the vibration in half a sample
+        self.hold = math.sin(self.half) / self.half  # what it leaves of a force
+        self.gain = 2.0 * BANDWIDTH * self.omega * self.step_s  # of a displacement, a sample
+        self.motion = (0.0, 0.0, 0.0, 0.0)  # m: x, vx / omega, y, vy / omega
+        self.offset = [0.0, 0.0]  # V
+        self.springs = list(device.stiffness_per_s2)  # xx, yy, xy
         self.rate = 0.0
+        self.theta = 0.0  # of the pattern, modulo a half turn
+        self.turned = 0.0  # of it, by no force
         self.samples = 0
 
     def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
         """One sample: sense in V, NaN where it was lost; applied: the drive that acted up to it, m/s²; imposed: the
-        rotation of the pattern by it, rad/s.
+        rotation of the pattern by it, rad/s, which is in `applied` already.
         """
-        self.phase += self.omega * self.step_s
-        cosine, sine = math.cos(self.phase), math.sin(self.phase)
-        innovation = [math.nan, math.nan]
-        if not math.isnan(sense[0]):
-            for axis, parts in enumerate(self.components):
-                error = sense[axis] - (parts[0] * cosine + parts[1] * sine + parts[2])
-                innovation[axis] = error
-                parts[0] += 2.0 * self.gain * error * cosine
-                parts[1] += 2.0 * self.gain * error * sine
-                parts[2] += 0.1 * self.gain * error
-        (cx, sx), (cy, sy) = self._displacements()
-        self._lock(cx, sx, cy, sy)
-        rate = self._turned(cx, sx, cy, sy, imposed)
-        w = self.omega
-        return hil.Estimate(
-            x=cx * cosine + sx * sine,
-            vx=w * (sx * cosine - cx * sine),
-            y=cy * cosine + sy * sine,
-            vy=w * (sy * cosine - cy * sine),
-            rate=rate,
-            angle=(-self.turn - self.imposed) / self.device.angular_gain,
-            constants={"phi_x": self.components[0][2], "phi_y": self.components[1][2]},
-            innovation=(innovation[0], innovation[1]),
-        )
-
-    def _displacements(self) -> list[tuple[float, float]]:
-        """The components in m."""
-        gains = self.device.sense_gain_V_per_m
-        return [(parts[0] / gain, parts[1] / gain) for parts, gain in zip(self.components, gains, strict=True)]
-
-    def _lock(self, cx: float, sx: float, cy: float, sy: float) -> None:
-        """Turn the phase to where the motion is largest."""
-        error = 0.5 * math.atan2(-2.0 * (cx * sx + cy * sy), cx * cx + cy * cy - sx * sx - sy * sy)
-        self.phase += 0.5 * self.gain * error
-        self.omega += 0.1 * self.gain**2 * error / self.step_s
-
-    def _turned(self, cx: float, sx: float, cy: float, sy: float, imposed: float) -> float:
-        """Count the pattern's turn, of which the angle is known modulo a half turn; the rate, rad/s."""
-        theta = 0.5 * math.atan2(2.0 * (cx * cy + sx * sy), cx * cx + sx * sx - cy * cy - sy * sy)
-        change = (theta - self.theta + 0.5 * math.pi) % math.pi - 0.5 * math.pi
+        forced = self._predict(applied)
+        innovation = self._correct(sense) if not math.isnan(sense[0]) else (math.nan, math.nan)
+        theta = _pattern_angle(*self.motion)
+        if self._settled():
+            self.turned += _within_half_turn(theta - self.theta) - forced
         self.theta = theta
         self.samples += 1
-        if self.samples * self.gain < 5.0:  # the components have not settled
-            return 0.0
-        self.turn += change
-        self.imposed += imposed * self.step_s
-        self.rate += self.gain * (-change / self.step_s - imposed - self.rate)
-        return self.rate / self.device.angular_gain
+        x, vx, y, vy = self.motion
+        kxx, kyy, kxy = self.springs
+        return hil.Estimate(
+            x=x,
+            vx=self.omega * vx,
+            y=y,
+            vy=self.omega * vy,
+            rate=self.rate,
+            angle=-self.turned / self.device.angular_gain,
+            constants={"phi_x": self.offset[0], "phi_y": self.offset[1], "kxx": kxx, "kyy": kyy, "kxy": kxy},
+            innovation=innovation,
+        )
+
+    def _settled(self) -> bool:
+        """Whether the motion is known."""
+        return 0.5 * self.gain * self.samples > 5.0
+
+    def _predict(self, applied: tuple[float, float]) -> float:
+        """A sample on: half a sample of free vibration at the target, all that acts beside it, and the other half.
+        Gives the turn of the pattern by forces.
+        """
+        x, vx, y, vy = _vibrated(self.motion, self.half)
+        (kxx, kyy, kxy), (dxx, dyy, dxy) = self.springs, self.device.damping_per_s
+        before, w = _pattern_angle(x, vx, y, vy), self.omega
+        ax = applied[0] * self.hold - (kxx - self.target) * x - kxy * y - w * (dxx * vx + dxy * vy)
+        ay = applied[1] * self.hold - (kyy - self.target) * y - kxy * x - w * (dyy * vy + dxy * vx)
+        vx, vy = vx + ax * self.step_s / w, vy + ay * self.step_s / w
+        forced = _within_half_turn(_pattern_angle(x, vx, y, vy) - before)
+        coriolis = 2.0 * self.device.angular_gain * self.rate * self.step_s
+        self.motion = _vibrated((x, vx + coriolis * vy, y, vy - coriolis * vx), self.half)
+        return forced
+
+    def _correct(self, sense: tuple[float, float]) -> tuple[float, float]:
+        """Take the sample in; what it was beside the prediction, V."""
+        x, vx, y, vy = self.motion
+        (gx, gy), w = self.device.sense_gain_V_per_m, self.omega
+        nx, ny = sense[0] - gx * x - self.offset[0], sense[1] - gy * y - self.offset[1]
+        ex, ey = nx / gx, ny / gy
+        if self._settled():  # each by what the displacement owes to it, a quarter of a period behind the force
+            least = (0.1 * self.device.amplitude_m) ** 2
+            step = 2.0 * ADAPTATION * self.gain / max(x * x + vx * vx + y * y + vy * vy, least)
+            self.springs[0] += step * w * w * ex * vx
+            self.springs[1] += step * w * w * ey * vy
+            self.springs[2] += step * w * w * 0.5 * (ex * vy + ey * vx)
+            self.rate += step * w * 0.5 * (ex * y - ey * x) / self.device.angular_gain
+        self.motion = (x + self.gain * ex, vx, y + self.gain * ey, vy)
+        self.offset[0] += 0.05 * self.gain * nx
+        self.offset[1] += 0.05 * self.gain * ny
+        return nx, ny
+
+
+def _vibrated(motion: tuple[float, float, float, float], angle: float) -> tuple[float, float, float, float]:
+    """So far on in the free vibration, rad."""
+    (x, vx, y, vy), c, s = motion, math.cos(angle), math.sin(angle)
+    return c * x + s * vx, c * vx - s * x, c * y + s * vy, c * vy - s * y
+
+
+def _pattern_angle(x: float, vx: float, y: float, vy: float) -> float:
+    return 0.5 * math.atan2(2.0 * (x * y + vx * vy), x * x + vx * vx - y * y - vy * vy)
+
+
+def _within_half_turn(angle: float) -> float:
+    return (angle + 0.5 * math.pi) % math.pi - 0.5 * math.pi
