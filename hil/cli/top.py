@@ -88,7 +88,9 @@ def rows(state: dict[str, Any]) -> list[tuple[str, str]]:
 def _with_u(value: float | None, standard: float | None, unit: str) -> str:
     if value is None:
         return "–"
-    return f"{value:.6g} {unit}" if standard is None else f"{value:.6g} ± {COVERAGE * standard:.2g} {unit} (k = 2)"
+    if standard is None:
+        return f"{value:.6g} {unit}, uncertainty not given"
+    return f"{value:.6g} ± {COVERAGE * standard:.2g} {unit} (k = 2)"
 
 
 def _watch(service: Any) -> None:

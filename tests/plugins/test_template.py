@@ -13,6 +13,7 @@ from tests.plugins.running import bench, ran
 
 pytestmark = [pytest.mark.usefixtures("no_report"), pytest.mark.slow]
 
+
 def init(place: Path, *options: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-m", "hil", "init", *options]
     return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)

@@ -11,7 +11,7 @@
  * @property {number | null} [angle_expanded_rad] expanded uncertainty, k = 2
  * @property {number | null} [rate_rad_s]
  * @property {number | null} [rate_u]
- * @property {Record<string, [number, number, string]>} [estimates] value, standard deviation, unit
+ * @property {Record<string, [number, number | null, string]>} [estimates] value, standard deviation (null: not given), unit
  */
 
 /**

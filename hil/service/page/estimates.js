@@ -54,7 +54,7 @@ export class EstimatesTable {
     this.drawn = now;
     for (const [name, row] of this.rows) {
       const [value, sd, unit] = estimates[name];
-      const written = uncertain(value, 2 * sd, unit);
+      const written = uncertain(value, sd && 2 * sd, unit);
       say(row.value, written.value);
       say(row.spread, written.spread && `± ${written.spread}`);
       say(row.unit, written.unit);

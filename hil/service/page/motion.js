@@ -72,5 +72,5 @@ export class Motion {
 function reading(name, value, spread, unit, more) {
   const written = uncertain(value, spread, unit, { prefix: false });
   say(byId(`${name}-value`), written.value);
-  say(byId(`${name}-spread`), value === null || value === undefined ? "" : `${written.spread && `± ${written.spread} `}${written.unit}${more}`);
+  say(byId(`${name}-spread`), value === null || value === undefined ? "" : `${written.spread && `± ${written.spread} `}${written.unit}${more}${spread ? "" : ", uncertainty not given"}`);
 }

@@ -95,16 +95,20 @@ def _estimates(track: Track) -> dict[str, Any]:
     row = rows[0]
     units = {column.name: column.unit for column in track.layout.columns}
     names = track.layout.header["states"]
-    told: dict[str, Any] = {
-        "estimates": {name: [float(row[name]), float(row[f"sd_{name}"]), units[name]] for name in names}
-    }
+    told: dict[str, Any] = {"estimates": {name: [float(row[name]), _given(row, name), units[name]] for name in names}}
     if "rate_rad_s" in names:
-        told |= {"rate_rad_s": float(row["rate_rad_s"]), "rate_u": float(row["sd_rate_rad_s"])}
+        told |= {"rate_rad_s": float(row["rate_rad_s"]), "rate_u": _given(row, "rate_rad_s")}
     if "angle_rad" in units:
         told |= {name: float(row[name]) for name in ("angle_rad", "angle_u_rad", "energy_ratio", "quadrature_ratio")}
         told["angle_expanded_rad"] = COVERAGE * told["angle_u_rad"]
         told["valid"] = bool(row["valid"])
     return told
+
+
+def _given(row: Any, name: str) -> float | None:
+    """Standard deviation of an estimate; None where the observer gives none, or takes the value as declared."""
+    deviation = float(row[f"sd_{name}"])
+    return deviation if deviation > 0.0 else None
 
 
 def _innovation(track: Track, count: int) -> dict[str, Any]:
