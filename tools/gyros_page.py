@@ -16,7 +16,8 @@ def page() -> str:
     """The page in Markdown."""
     rows = [("name", "gyro", "line", "samples a second", "counter", "source"), ("---",) * 6]
     for name, one in protocols().items():
-        counter = "a clock" if one.counter_Hz else f"of {one.counter_size} values" if one.counter_size else "none"
+        counter = f"of {one.counter_size} values" if one.counter_size else "none"
+        counter = "a clock" if one.counter_Hz or one.clock_Hz else counter
         bauds = ", ".join(map(str, one.bauds)) + " baud"
         rows.append((f"`{name}`", _noted(one.title, one.note), bauds, _rates(one.rates_Hz), counter, one.source))
     for name, told in can_protocols().items():

@@ -26,6 +26,7 @@ _MDF_HEADER = 168  # bytes: identification and header block
 _FEWEST = 3
 _BUNCHED = 0.6  # of the mean distance: a shorter median is of stamps that came in bunches, as through a gateway
 _REPEATED = 0.5
+_LATE = 3  # stamps in a row that may come late; where the next ones follow so soon, none is missing
 
 Floats = npt.NDArray[np.float64]
 
@@ -140,7 +141,10 @@ def numbered(t_s: Floats) -> tuple[npt.NDArray[np.int64], float]:
     """Numbers of samples from their stamps (n,), whose median distance is one, and the rate of those in a row in Hz."""
     steps = np.diff(t_s)
     step = float(np.median(steps))
-    passed = np.maximum(np.rint(steps / step), 1.0)
+    due = t_s.copy()
+    for _ in range(_LATE):
+        due[:-1] = np.minimum(due[:-1], due[1:] - step)
+    passed = np.maximum(np.rint(np.diff(due) / step), 1.0)
     in_a_row = steps[passed == 1.0]
     return np.concatenate([[0], np.cumsum(passed)]).astype(np.int64), 1.0 / float(in_a_row.mean())
 

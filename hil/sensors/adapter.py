@@ -37,8 +37,8 @@ class Adapter(Protocol):
         crc_errors: datagrams dropped for their checksum.
         skipped: bytes that belonged to no datagram, before the first one not counted.
 
-    It may have `link`, "serial" (where it has none) or "can", and `counter_Hz`, counts a second of a counter that is a
-    clock.
+    It may have `link`, "serial" (where it has none) or "can"; `counter_Hz`, counts a second of a counter that is a
+    clock; `counts_itself`, True where the counter is its own count, as the sensor sends none.
     """
 
     title: str

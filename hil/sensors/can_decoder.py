@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from hil.records.layout import Column
 from hil.sensors.adapter import Sample
-from hil.sensors.dbc_file import Signal, load_dbc, signals_of
+from hil.sensors.dbc_file import Key, Signal, key_of, load_dbc, signals_of
 from hil.sensors.declared import can_protocols
 
 if TYPE_CHECKING:
@@ -26,9 +26,9 @@ _FAST = 8  # bytes; a longer message comes in parts (NMEA 2000's fast packets)
 
 
 class Decoded(NamedTuple):
-    """One message: its name, its signals as sent, in physical units by column, and whether all its rates are told."""
+    """One message: its key, its signals as sent, in physical units by column, and whether all its rates are told."""
 
-    message: str
+    message: Key
     raw: Mapping[str, int]
     values: dict[str, float]
     whole_rates: bool
@@ -55,27 +55,27 @@ class CanDecoder:
     ) -> None:  # fmt: skip
         self.name, self.title, self.rates_Hz = name, title, rates_Hz
         self._counter, self._match = counter, dict(match or {})
-        self._signals: Mapping[str, Sequence[Signal]] = signals_of(database.messages)
+        self._signals: Mapping[Key, Sequence[Signal]] = signals_of(database.messages)
         self._exact = {(one.frame_id, one.is_extended_frame): one for one in database.messages}
         self._by_pgn = {_pgn(one.frame_id): one for one in database.messages if one.protocol == "j1939"}
-        self._rated = {name for name, signals in self._signals.items() if any(one.is_rate for one in signals)}
+        self._rated = {key for key, signals in self._signals.items() if any(one.is_rate for one in signals)}
         self._columns = [one.column for signals in self._signals.values() for one in signals]
         self._statuses = [one.name for message in database.messages for one in message.signals
                           if one.name.startswith("status_")]  # fmt: skip
         self._held: dict[str, float] = {}
-        self._cycle: dict[str, float] = {}  # message: stamp
+        self._cycle: dict[Key, float] = {}  # message: stamp
         self._count: int | None = None
         self._status = 0
-        self._heard: Counter[str] = Counter()
+        self._heard: Counter[Key] = Counter()
         self._cycles = self.frames = self.incomplete = self.others = 0
         self.unknown: Counter[int] = Counter()
-        self._sources: dict[str, int] = {}
+        self._sources: dict[Key, int] = {}
         self._parts: dict[int, tuple[int, bytes]] = {}
 
     @property
     def channels(self) -> tuple[Column, ...]:
         """The columns of the signals of messages that were heard; of all before that."""
-        heard = {one.column for name in self._heard for one in self._signals[name]}
+        heard = {one.column for key in self._heard for one in self._signals[key]}
         return tuple(column for column in self._columns if column in heard or not heard)
 
     @property
@@ -121,14 +121,14 @@ class CanDecoder:
         if any(raw.get(name) != wanted for name, wanted in self._match.items()):
             return None
         said = {one.name: one for one in message.signals}
-        signals = [one for one in self._signals[message.name] if one.name in raw]
+        signals = [one for one in self._signals[key_of(message)] if one.name in raw]
         values = {
             one.column.name: float(raw[one.name]) * float(said[one.name].scale) + float(said[one.name].offset)
             for one in signals
             if _is_told(said[one.name], raw[one.name], message.protocol)
         }
         whole_rates = all(one.column.name in values for one in signals if one.is_rate)
-        return Decoded(message.name, raw, values, whole_rates)
+        return Decoded(key_of(message), raw, values, whole_rates)
 
     def _message(self, frame: "can.Message") -> Any:
         found = self._exact.get((frame.arbitration_id, frame.is_extended_id))
@@ -142,6 +142,8 @@ class CanDecoder:
         """A fast packet, whole: three bits of sequence and five of place, then in the first its length."""
         sequence, place = part[0] >> 5, part[0] & 31
         if place == 0:
+            self.crc_errors += identifier in self._parts  # the one before has no end
+            self._parts.pop(identifier, None)
             if part[1] >= length:
                 self._parts[identifier] = (sequence << 5 | 1, part[2:])
             return None
@@ -156,22 +158,22 @@ class CanDecoder:
         return None
 
     def _put(self, decoded: "Decoded", stamp: float) -> Sample | None:
-        name, raw = decoded.message, decoded.raw
+        key, raw = decoded.message, decoded.raw
         count = raw.get(self._counter) if self._counter is not None else None
         done = None
         moved = self._counter is not None and self._cycle and count != self._count
-        if name in self._rated and (name in self._cycle or moved):
+        if key in self._rated and (key in self._cycle or moved):
             done = self._closed()
         self._count = count
-        if name in self._rated and not decoded.whole_rates:
+        if key in self._rated and not decoded.whole_rates:
             return done
         self._held |= decoded.values
-        self._heard[name] += 1
+        self._heard[key] += 1
         for bit, status in enumerate(self._statuses):
             if status in raw:
                 self._status = self._status & ~(1 << bit) | bool(raw[status]) << bit
-        if name in self._rated:
-            self._cycle[name] = stamp
+        if key in self._rated:
+            self._cycle[key] = stamp
         return done
 
     def _closed(self) -> Sample | None:
@@ -179,8 +181,8 @@ class CanDecoder:
         self._cycles += 1
         if self._cycles <= _WARM:
             return None
-        most = max(self._heard[name] for name in self._rated)
-        if any(name not in cycle and self._heard[name] >= _SELDOM * most for name in self._rated):
+        most = max(self._heard[key] for key in self._rated)
+        if any(key not in cycle and self._heard[key] >= _SELDOM * most for key in self._rated):
             self.incomplete += 1
             return None
         stamp = round(min(cycle.values()) * STAMPS_HZ) % _SIZE

@@ -45,10 +45,10 @@ class Field(NamedTuple):
     @property
     def column(self) -> Column | None:
         """The column it fills; None for what has none of its own."""
-        if self.name in ("-", "counter", "status", "latency_us", "time_ns"):
+        if self.name in ("-", "counter", "clock", "status", "latency_us", "time_ns"):
             return None
         unit, scale = SI[self.unit]
-        kind = "f4" if self.type in "fF" else "f8" if self.type in "dIqQ" else "i4"
+        kind = "f4" if self.type in "fF" else "f8" if self.type in "dIqQw" else "i4"
         return Column(f"{self.name.partition('@')[0]}_code", kind, unit, scale * self.factor)
 
 
@@ -64,6 +64,7 @@ class Protocol:
     note: str = ""
     counter_size: int = 0
     counter_Hz: float = 0.0
+    clock_Hz: float = 0.0
     order: str = "<"
     check: str = "none"
     check_from: int = 0

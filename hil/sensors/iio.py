@@ -54,6 +54,7 @@ class IioGyro:
             self._line.close()
             raise
         self.counter_size, self.counter_Hz = (1 << 32, 1e6) if self._timed else (256, 0.0)
+        self.counts_itself = not self._timed
         self._count, self._opened = 0, False
 
     def _find(self, xml: bytes) -> None:

@@ -2,7 +2,7 @@
 
 import struct
 from collections.abc import Callable, Mapping, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from hil.sensors.checksums import CHECKS
 from hil.sensors.declared import Field, Protocol, fields_of
@@ -10,17 +10,20 @@ from hil.sensors.declared import Field, Protocol, fields_of
 LONGEST = 1024
 """Bytes; whatever says it is longer is no frame."""
 
-_24 = {"t": True, "T": False}
-_PRECISIONS = {0: ("f", 1.0), 1: ("i", 2.0**-20), 3: ("d", 1.0)}
+_PACKED = {"t": "3s", "T": "3s", "w": "6s"}
+"""Types that struct does not have."""
+_PRECISIONS = {0: ("f", 1.0), 1: ("i", 2.0**-20), 2: ("w", 2.0**-32), 3: ("d", 1.0)}
 
 
 class Reading(NamedTuple):
-    """What one frame says: the counter or None, values of fields with a column by name, status, latency in µs."""
+    """What one frame says: the counter or None, values of fields with a column by name, status, latency in µs, counts
+    of a clock beside the counter or None."""
 
     counter: int | None
     values: dict[str, float]
     status: int
     latency_us: int
+    clock: int | None = None
 
 
 class Layout(NamedTuple):
@@ -143,24 +146,29 @@ def _tagged(declared: Mapping[int, tuple[Field, ...]], tag: int, width: int) -> 
             return [Field("-", f"{3 + width}s")]
         kind, factor = (one.type, 1.0) if one.type != "F" or precision is None else precision
         fields.append(one._replace(type=kind, factor=one.factor * factor))
-    if not fields or struct.calcsize(">" + "".join(one.type for one in fields)) != width:
+    if not fields or struct.calcsize(">" + _codes(fields)) != width:
         return [Field("-", f"{3 + width}s")]
     return [skip, *fields]
 
 
+def _codes(fields: Sequence[Field]) -> str:
+    return "".join(_PACKED.get(one.type, one.type) for one in fields)
+
+
 def _binary(protocol: Protocol, head: int, fields: tuple[Field, ...]) -> Layout:
     """Fields packed one after the other behind `head` bytes."""
-    codes = "".join("3s" if one.type in _24 else one.type for one in fields)
-    packed = struct.Struct(f"{protocol.order}{head}x{codes}")
+    packed = struct.Struct(f"{protocol.order}{head}x{_codes(fields)}")
     order: Literal["big", "little"] = "big" if protocol.order == ">" else "little"
-    signed = [_24.get(one.type) for one in fields]
+    types = [one.type for one in fields]
+
+    def number_of(packed: Any, type_: str) -> Any:
+        if type_ not in _PACKED:
+            return packed
+        in_order = packed[4:] + packed[:4] if type_ == "w" else packed
+        return int.from_bytes(in_order, order, signed=type_ != "T")
 
     def read(frame: bytes) -> Reading:
-        numbers = (
-            number if sign is None else int.from_bytes(number, order, signed=sign)
-            for number, sign in zip(packed.unpack_from(frame), signed, strict=True)
-        )
-        return _reading(fields, numbers, protocol)
+        return _reading(fields, map(number_of, packed.unpack_from(frame), types), protocol)
 
     size = packed.size + CHECKS[protocol.check].size + len(protocol.tail)
     return Layout(size, fields, read)
@@ -190,6 +198,7 @@ def _by_sentence(protocol: Protocol) -> Finder:
 
 def _reading(fields: Sequence[Field], numbers: object, protocol: Protocol) -> Reading:
     counter: int | None = None
+    clock: int | None = None
     values: dict[str, float] = {}
     status, latency_us = 0, -1
     for one, number in zip(fields, numbers, strict=True):  # type: ignore[call-overload]
@@ -198,6 +207,8 @@ def _reading(fields: Sequence[Field], numbers: object, protocol: Protocol) -> Re
                 pass
             case "counter":
                 counter = number
+            case "clock":
+                clock = number
             case "time_ns":
                 counter = number // 1000 % protocol.counter_size
             case "status":
@@ -213,4 +224,4 @@ def _reading(fields: Sequence[Field], numbers: object, protocol: Protocol) -> Re
             values[plain] = number
     if "counter" in protocol.status:
         counter = status >> int(protocol.status["counter"]) & (protocol.counter_size - 1)
-    return Reading(counter, values, status & 0x7FFF_FFFF_FFFF_FFFF, latency_us)
+    return Reading(counter, values, status & 0x7FFF_FFFF_FFFF_FFFF, latency_us, clock)

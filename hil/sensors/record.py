@@ -153,7 +153,8 @@ class Stream:
         if unknown:
             return f"none of its messages was heard, but {len(unknown)} other identifiers (0x{min(unknown):X}, …)"
         told = f", of {damaged} with a wrong checksum" if damaged else ""
-        return f"{self.heard} bytes were heard, but not enough datagrams{told}"
+        at = f" at {self._port.baud} baud" if self._port.kind == "serial" else ""
+        return f"{self.heard} bytes were heard{at}, but not enough datagrams{told}"
 
     def layout(self) -> Layout:
         """Layout of the capture, of the channels that were heard by now."""
@@ -232,7 +233,7 @@ class Stream:
         if self._ticks is None:  # by now an adapter knows what counter its sensor has
             self._ticks = TickCounter(
                 self._adapter.counter_size, self._adapter.rates_Hz, getattr(self._adapter, "counter_Hz", 0.0),
-                self._port.rate_Hz,
+                self._port.rate_Hz, is_ours=getattr(self._adapter, "counts_itself", False),
             )  # fmt: skip
         numbered = self._ticks.number(list(samples), now)
         self._numbered += numbered

@@ -19,6 +19,8 @@ from hil.sensors.sieve import Places, Sieve
 _OWN_COUNT = 256
 """Values of the count that stands for a counter where the sensor has none."""
 
+_CLOCK_SIZE = 1 << 32
+
 
 class StreamDecoder:
     """Decoder of one stream; see `hil.sensors.adapter.Adapter`.
@@ -26,7 +28,7 @@ class StreamDecoder:
     Attributes:
         frames: those whose checksum fitted; understood: bytes of these.
         counter_size, counter_Hz: of a count of our own where the sensor sends neither counter nor clock: then only the
-            host's clock tells of gaps.
+            host's clock tells of gaps, and `counts_itself` is True. Of a clock where one is sent beside the counter.
     """
 
     def __init__(self, protocol: Protocol) -> None:
@@ -34,6 +36,7 @@ class StreamDecoder:
         self.baud, self.bauds, self.rates_Hz = protocol.bauds[0], protocol.bauds, protocol.rates_Hz
         self.counter_size = protocol.counter_size or _OWN_COUNT
         self.counter_Hz = protocol.counter_Hz
+        self.counts_itself = not protocol.counter_size
         self.crc_errors = self.skipped = self.frames = self.understood = 0
         self.channels = _expected(protocol)
         self._columns: dict[str, Column] = {}
@@ -120,7 +123,7 @@ class StreamDecoder:
                 self.channels = tuple(self._columns.values())
         self._held |= reading.values
         rates = [name for name in self._columns if name.startswith("rate_")]
-        if any(name not in reading.values for name in rates):
+        if not self._columns or any(name not in reading.values for name in rates):
             return None  # temperatures between two samples, and the like
         return Sample(self._counted(reading), tuple(self._held[name] for name in self._columns), reading.status,
                       reading.latency_us)  # fmt: skip
@@ -131,9 +134,12 @@ class StreamDecoder:
         return any(name.startswith("rate_") for name in self._columns)
 
     def _counted(self, reading: Reading) -> int:
+        if reading.clock is not None:
+            self.counter_size, self.counter_Hz = _CLOCK_SIZE, self.protocol.clock_Hz
+            return reading.clock % _CLOCK_SIZE
         if reading.counter is not None:
             return reading.counter % self.counter_size
-        self.counter_size, self.counter_Hz = _OWN_COUNT, 0.0
+        self.counter_size, self.counter_Hz, self.counts_itself = _OWN_COUNT, 0.0, True
         self._count += 1
         return self._count % self.counter_size
 

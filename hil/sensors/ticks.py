@@ -3,6 +3,7 @@
 Counters count datagrams, or samples inside the sensor of which a datagram is sent every few, or are a clock; the median
 difference tells. Whether whole turns of the counter are missing, only the host's clock can tell: when far more time
 has passed between two batches than the samples in the second account for. So a batch must hold all that had arrived.
+Of a count that is ours, since the sensor sends none, it tells single samples, of gaps longer than a line's buffers.
 """
 
 from itertools import pairwise
@@ -24,7 +25,7 @@ _WIDE = 1 << 15  # values of a counter that never turns in a gap: going back, it
 class TickCounter:
     """Numbers the samples of one stream, whose counter has `size` values and which may come at the `rates_Hz`; of a
     counter that is a clock, counts a second are `counter_Hz`. rate_Hz: where it is known and the host's clock tells
-    nothing, as of a file.
+    nothing, as of a file; is_ours: it counts what was heard, as the sensor sends no counter.
 
     Attributes:
         step: counts of the counter per sample; 0 until it is known.
@@ -33,12 +34,14 @@ class TickCounter:
     """
 
     def __init__(self, size: int, rates_Hz: tuple[float, ...], counter_Hz: float = 0.0,
-                 rate_Hz: float | None = None) -> None:  # fmt: skip
+                 rate_Hz: float | None = None, *, is_ours: bool = False) -> None:  # fmt: skip
         self.step = 0
         self.sample_rate_Hz = 0.0
         self.restarts = 0
         self._size, self._rates_Hz, self._counter_Hz, self._rate_Hz = size, rates_Hz, counter_Hz, rate_Hz
+        self._is_ours = is_ours
         self._learning: list[tuple[list[Sample], float]] = []
+        self._apart: float = 0.0
         self._counter: int | None = None
         self._came_s = 0.0
         self._tick = 0
@@ -66,6 +69,8 @@ class TickCounter:
             self.sample_rate_Hz = self._near(self._counter_Hz * len(sound) / sum(sound), _NEAR_BY_CLOCK)
         else:
             self.sample_rate_Hz = self._near(sum(steps[first - 1 :]) / self.step / elapsed_s, _NEAR)
+        # a clock's counts may fall between: 12 and 13 of 10 kHz at 800 samples a second
+        self._apart = self._counter_Hz / self.sample_rate_Hz if self._counter_Hz and not self._rate_Hz else self.step
         return [numbered for samples, came_s in self._learning for numbered in self._number(samples, came_s)]
 
     def _near(self, rate_Hz: float, share: float) -> float:
@@ -74,25 +79,27 @@ class TickCounter:
 
     def _number(self, batch: list[Sample], now_s: float) -> list[tuple[int, Sample]]:
         numbered = []
-        turns = self._missing_turns(batch, now_s)
+        missing = self._missing(batch, now_s)
         for sample in batch:
             if self._counter is not None:
-                passed = (sample.counter - self._counter) % self._size + turns * self._size
+                passed: float = (sample.counter - self._counter) % self._size + missing
                 if passed > self._size // 2 and self._size >= _WIDE:
                     self.restarts += 1
-                    passed = max(round((now_s - self._came_s) * self.sample_rate_Hz) - len(batch) + 1, 1) * self.step
-                self._tick += max(round(passed / self.step), 1)
-                turns = 0
+                    passed = max(round((now_s - self._came_s) * self.sample_rate_Hz) - len(batch) + 1, 1) * self._apart
+                self._tick += max(round(passed / self._apart), 1)
+                missing = 0
             self._counter = sample.counter
             numbered.append((self._tick, sample))
         self._came_s = now_s
         return numbered
 
-    def _missing_turns(self, batch: list[Sample], now_s: float) -> int:
+    def _missing(self, batch: list[Sample], now_s: float) -> int:
+        """Counts that the counter does not tell: whole turns of it, of a count of ours every one."""
         if self._counter is None or self._size >= _WIDE or self._rate_Hz:
             return 0
         told = sum((b - a) % self._size for a, b in pairwise([self._counter, *(sample.counter for sample in batch)]))
         counted = (now_s - self._came_s) * self.sample_rate_Hz * self.step
         if counted - told < _LATE_S * self.sample_rate_Hz * self.step:
             return 0
-        return max(round((counted - told) / self._size), 0)
+        turn = self.step if self._is_ours else self._size
+        return max(round((counted - told) / turn), 0) * turn

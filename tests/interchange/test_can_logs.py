@@ -13,6 +13,7 @@ from device_emulator.gyros import Motion, bosch_mm, furuno, j1939, nmea2000
 from hil import cli
 from hil.errors import InputError
 from hil.importing.scale_slips import slips
+from hil.records.capture import read_capture
 from hil.records.rates import rates_rad_s
 from hil.sensors.can_decoder import declared_decoder
 
@@ -160,6 +161,31 @@ def test_stamps_that_are_bunched_or_none_are_told(tmp_path: Path) -> None:
     (tmp_path / "c.log").write_text("\n".join(["(10.000000) can0 09F11334#001A8EFFFF2702FF"] * 50))
     with pytest.raises(InputError, match=r"c\.log: rate_z: most of its 50 stamps repeat"):
         hil.import_record(tmp_path / "c.log", dbc="nmea2000")
+
+
+def test_a_stamp_that_came_late_is_no_gap(tmp_path: Path) -> None:
+    """Every 20th is late by more than a sample, and the next comes at once; of three others nothing came."""
+    lines = []
+    for n in range(600):
+        late_s = 0.0113 if n % 20 == 9 else 0.0012 if n % 20 == 10 else 0.0
+        if n not in (203, 204, 405):
+            lines.append(f"({10 + 0.01 * n + late_s:.6f}) can0 09F11334#001A8EFFFF2702FF")
+    (tmp_path / "late.log").write_text("\n".join(lines))
+    capture = hil.import_record(tmp_path / "late.log", dbc="nmea2000").capture
+    assert (len(capture), capture.lost, capture.gaps) == (597, 3, 2)
+    assert capture.tick.tolist() == [n for n in range(600) if n not in (203, 204, 405)]
+    assert capture.tick_rate_Hz == pytest.approx(100.0, rel=2e-3)
+
+
+def test_messages_of_one_name_are_kept_apart(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """As a maker's DBC of two versions of a device has them."""
+    two = "".join(f'BO_ {k} imu: 8 X\n SG_ RateZ : 0|16@1- ({f},0) [0|1] "deg/s" X\n' for k, f in ((9, 1), (25, 0.5)))
+    (tmp_path / "two.dbc").write_text(f'VERSION ""\nBU_: X\n{two}')
+    (tmp_path / "n.log").write_text("\n".join(f"({10 + 0.1 * n:.6f}) can0 019#0600000000000000" for n in range(50)))
+    assert cli.execute(["import", str(tmp_path / "n.log"), "--dbc", str(tmp_path / "two.dbc"), "-o", "n.arrow"]) == 0
+    assert "Overwriting" not in capfd.readouterr().err
+    rates = rates_rad_s(read_capture(Path("n.arrow")))
+    assert [np.degrees(rate).mean() for rate in rates.values()] == pytest.approx([3.0])
 
 
 def test_whole_fast_packets_of_an_emulated_furuno(tmp_path: Path) -> None:

@@ -1,7 +1,8 @@
 """Frames of sold gyros that nobody here made, and what public pages say they mean; where a maker gives none, one worked
 out by hand from the maker's table, its sums on paper.
 
-(protocol, frames in hex or as text, values in the unit of the page, source)
+(protocol, frames in hex or as text, values in the unit of the page, source); the counter of Xsens and of the IIM-46234
+is the clock that they send beside it.
 """
 
 XSENS = "Scottapotamas/xsens-mti, golden packets of an MTi-300"
@@ -26,17 +27,20 @@ SERIAL = [
      "08100442168000" "3010040001" "86E1"
      "E0200400400003",
      {"rate_x": 0.02131760, "rate_y": -0.00327826, "rate_z": -0.00163019, "acc_y": 9.81465530, "temp": 37.625,
-      "pressure": 100065, "counter": 37261}, XSENS),
+      "pressure": 100065, "counter": 0x01363FA6}, XSENS),
     ("xsens", "FAFF3626" "1020024682" "1060040" "1C4FC3E" "2010103F71CE6CBEA56BCF3C613BD8BD691D25"
      "E0200400400003" "12",
-     {"q_w": 0.94455600, "q_z": -0.05691256, "counter": 18050, "status": 0x400003}, XSENS),
+     {"q_w": 0.94455600, "q_z": -0.05691256, "counter": 0x01C4FC3E, "status": 0x400003}, XSENS),
+    ("xsens", "FAFF361A" "102002AA4E" "802212" "00479AD20000" "006D5FBF0000" "FF0A3905FFFF",
+     {"rate_x": 0.0010926020331680775, "rate_y": 0.0016689149197191, "rate_z": -0.0037502634804695845,
+      "counter": 43598}, "einride/xsens-go, testdata 3, in FP16.32"),
     ("dmu11", "55AA0001" "3F800000" + "00000000" * 6 + "41C80000" + "00000000" * 6 + "000000000000" "290D",
      {"counter": 1, "rate_x": 1.0, "rate_y": 0.0, "temp": 25.0}, "by hand from DMU11-00-0100-132"),
     ("hg4930", "0E01" "0100FFFF0000" "000000000100" "0000" "1980" "2881",
      {"rate_x": 1, "rate_y": -1, "acc_z": 1, "temp": 25}, "by hand from the manual's table"),
-    ("iim46234", "23232EAB0005" + "00" * 8 + "00000000000000003F800000" "0000000000000000BF800000"
-     "41C80000" "03B7" "0D0A",
-     {"counter": 5, "acc_z": 1.0, "rate_z": -1.0, "temp": 25.0}, "by hand from the maker's driver"),
+    ("iim46234", "23232EAB0005" + "0000000000001388" + "00000000000000003F800000" "0000000000000000BF800000"
+     "41C80000" "0452" "0D0A",
+     {"counter": 5000, "acc_z": 1.0, "rate_z": -1.0, "temp": 25.0}, "by hand from the maker's driver"),
 ]  # fmt: skip
 
 CAN = [

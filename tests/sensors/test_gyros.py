@@ -179,14 +179,6 @@ def test_a_cycle_that_lacks_a_message_is_dropped() -> None:
     assert made.incomplete == 1  # type: ignore[attr-defined]
 
 
-def test_a_clock_that_begins_anew_is_told() -> None:
-    made = decoder("vn100")
-    samples = [s for sent in islice(stream(GYROS["vn100"], restart=50), 100) for s in made.feed(b"".join(sent))]  # type: ignore[arg-type]
-    ticks = TickCounter(made.counter_size, made.rates_Hz, made.counter_Hz)
-    assert [tick for tick, _ in ticks.number(samples, 1.0)][-1] < 200
-    assert ticks.restarts == 1
-
-
 @contextlib.contextmanager
 def spoken(gyro: Gyro, baud: int = 0, noise: bytes = b"") -> Iterator[str]:
     """A line on which it speaks, or noise, or nothing."""
@@ -235,12 +227,6 @@ def test_noise_and_silence_are_told_as_such() -> None:
     assert "no frame of stim300" in str(told.value)
     with spoken(SILENT) as path, pytest.raises(LinkError, match="nothing was heard in 2 s; check supply and wiring"):
         recognised(find_port(f"serial:{path}"), "serial:x")
-
-
-@pytest.mark.realtime
-def test_a_wrong_baud_rate_is_told_with_the_right_one(tmp_path: Path) -> None:
-    with spoken(GYROS["dmu11"]) as path, pytest.raises(LinkError, match=r"; dmu11 speaks there at 460800 baud: record"):
-        hil.record(f"dmu11:{path}?baud=115200", out=tmp_path)
 
 
 @pytest.mark.realtime
