@@ -4,9 +4,12 @@ import json
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
+from hil.records.diagnosis import Diagnosis
+from hil.records.result import RunVerdict
 from hil.service.page_files import PAGE, lacking
 from tests.service.serving import Serving
 
@@ -62,6 +65,14 @@ def test_every_module_is_imported_by_another() -> None:
     texts = {path.name: path.read_text() for path in MODULES}
     imported = {name for text in texts.values() for name in re.findall(r"from \"\./([^\"]+)\"", text)}
     assert set(texts) - imported == {"main.js"}
+
+
+def test_the_page_knows_every_verdict_by_its_name() -> None:
+    verdicts = {*get_args(RunVerdict), *get_args(Diagnosis.model_fields["verdict"].annotation)}
+    (offered,) = re.findall(r"const VERDICTS = (\[.*\]);", (PAGE / "runs.js").read_text())
+    assert set(json.loads(offered)) == verdicts
+    (tones,) = re.findall(r"const TONES = .*?\(\{(.*?)\}\);", (PAGE / "verdict.js").read_text(), re.DOTALL)
+    assert verdicts <= {name.strip('" ') for name in re.findall(r"([^,:\n]+):", tones)}
 
 
 def test_the_lock_file_names_no_address() -> None:

@@ -32,7 +32,7 @@ import { verdictOf } from "./verdict.js";
  * @property {string} state running, done, interrupted, recorded, unreadable
  */
 
-const VERDICTS = ["good", "failed", "unsafe", "interrupted", "adequate", "explained", "partly", "unexplained"];
+const VERDICTS = ["good", "failed", "unsafe", "interrupted", "adequate", "explained", "partly explained", "unexplained"];
 const PAGE = 100;
 
 export class Runs {

@@ -8,7 +8,7 @@ import { uncertain } from "./numbers.js";
 const TONES = /** @type {Record<string, "good" | "bad" | "slow">} */ ({
   good: "good", complete: "good", adequate: "good", explained: "good",
   failed: "bad", unsafe: "bad", unexplained: "bad",
-  lacks: "slow", interrupted: "slow", partly: "slow",
+  lacks: "slow", interrupted: "slow", "partly explained": "slow",
 });
 
 /** @param {string | null | undefined} verdict @returns {"good" | "bad" | "slow" | ""} */
