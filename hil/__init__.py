@@ -61,50 +61,33 @@ if TYPE_CHECKING:
 
 __version__: str
 
-_HOMES = {
-    "Bench": "hil.bench",
-    "Block": "hil.library.live",
-    "Comparison": "hil.comparing.diff",
-    "Controller": "hil.plugins.protocol",
-    "DeclaredDevice": "hil.plugins.protocol",
-    "Drive": "hil.plugins.protocol",
-    "Estimate": "hil.plugins.protocol",
-    "Identified": "hil.identifying.identify",
-    "Imported": "hil.importing.importer",
-    "InputError": "hil.errors",
-    "Interrupted": "hil.running.run",
-    "Live": "hil.library.live",
-    "MethodRow": "hil.records.methods",
-    "Methods": "hil.records.methods",
-    "ModelError": "estimator.errors",
-    "Observer": "hil.plugins.protocol",
-    "PluginError": "hil.plugins.errors",
-    "RateSensorBench": "hil.bench",
-    "Run": "hil.library.finished_run",
-    "Series": "hil.library.series",
-    "Sheet": "hil.library.sheets",
-    "Sweep": "hil.library.campaign",
-    "Trace": "hil.library.tracing",
-    "WireError": "hil.wire.errors",
-    "characterise": "hil.library.verbs",
-    "compare": "hil.library.verbs",
-    "diff": "hil.library.verbs",
-    "dry_run": "hil.library.verbs",
-    "export": "hil.library.verbs",
-    "generate": "hil.library.generating",
-    "identify": "hil.library.verbs",
-    "import_record": "hil.library.verbs",
-    "load": "hil.library.loading",
-    "load_bench": "hil.library.verbs",
-    "load_trace": "hil.library.loading",
-    "open": "hil.library.verbs:open_live",
-    "record": "hil.library.verbs",
-    "replay": "hil.library.verbs",
-    "run": "hil.library.verbs",
-    "score": "hil.library.verbs",
-    "sweep": "hil.library.verbs",
-    "trace": "hil.library.verbs",
-}
+_OFFERED = {
+    "estimator.errors": ("ModelError",),
+    "hil.bench": ("Bench", "RateSensorBench"),
+    "hil.comparing.diff": ("Comparison",),
+    "hil.errors": ("InputError",),
+    "hil.identifying.identify": ("Identified",),
+    "hil.importing.importer": ("Imported",),
+    "hil.library.campaign": ("Sweep",),
+    "hil.library.finished_run": ("Run",),
+    "hil.library.generating": ("generate",),
+    "hil.library.live": ("Block", "Live"),
+    "hil.library.loading": ("load", "load_trace"),
+    "hil.library.series": ("Series",),
+    "hil.library.sheets": ("Sheet",),
+    "hil.library.tracing": ("Trace",),
+    "hil.library.verbs": (
+        "characterise", "compare", "diff", "dry_run", "export", "identify", "import_record", "load_bench", "record",
+        "replay", "run", "score", "sweep", "trace",
+    ),
+    "hil.plugins.errors": ("PluginError",),
+    "hil.plugins.protocol": ("Controller", "DeclaredDevice", "Drive", "Estimate", "Observer"),
+    "hil.records.methods": ("MethodRow", "Methods"),
+    "hil.running.run": ("Interrupted",),
+    "hil.wire.errors": ("WireError",),
+}  # fmt: skip
+_HOMES = {name: (home, name) for home, names in _OFFERED.items() for name in names}
+_HOMES["open"] = ("hil.library.verbs", "open_live")
 
 
 __all__ = sorted({*_HOMES, "__version__"} - {"open"})  # of which `from hil import *` would hide the built-in
@@ -120,8 +103,8 @@ if not TYPE_CHECKING:  # whose checkers would take any name for one that is ther
             return version("gyrohil")
         if name not in _HOMES:
             raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-        home, _, called = _HOMES[name].partition(":")
-        found = globals()[name] = getattr(import_module(home), called or name)
+        home, called = _HOMES[name]
+        found = globals()[name] = getattr(import_module(home), called)
         return found
 
 
