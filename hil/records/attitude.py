@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from hil.records import json_file
 from hil.records.blocks import read_blocks
-from hil.records.json_file import Sealed, load, save
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.stream import BlockWriter
 from hil.records.table import Table
@@ -63,11 +63,7 @@ def read_attitude(path: Path) -> AttitudeRecord:
     return AttitudeRecord(blocks.columns, blocks.header, blocks.complete)
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class AxisOfBody(_Model):
+class AxisOfBody(json_file.Strict):
     """One gyro of the body."""
 
     name: str = Field(description="x, y, z: first, second and third bench file")
@@ -79,7 +75,7 @@ class AxisOfBody(_Model):
     clock_u_s: float | None = Field(default=None, description="Of its time on the common clock; null: lockstep")
 
 
-class OneStop(_Model):
+class OneStop(json_file.Strict):
     """What stopped all of them."""
 
     by: str = Field(description="The axis whose run ended early, or Ctrl-C")
@@ -89,10 +85,8 @@ class OneStop(_Model):
     unconfirmed: tuple[str, ...] = Field(default=(), description="Axes whose board did not confirm it")
 
 
-class AttitudeResult(Sealed):
+class AttitudeResult(json_file.Sealed, json_file.Strict):
     """Figures of several gyros run at once."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     verdict: Literal["good", "failed", "interrupted", "unsafe"]
     axes: tuple[AxisOfBody, ...]
@@ -110,9 +104,11 @@ class AttitudeResult(Sealed):
 
 def save_attitude_result(folder: Path, result: AttitudeResult) -> None:
     """Write `attitude.json`."""
-    save(folder / "attitude.json", result)
+    json_file.save(folder / "attitude.json", result)
 
 
 def load_attitude_result(folder: Path) -> AttitudeResult:
     """Read `attitude.json`. Raises InputError."""
-    return load(folder / "attitude.json", AttitudeResult, give="a folder of several gyros", anew="run them again")
+    return json_file.load(
+        folder / "attitude.json", AttitudeResult, give="a folder of several gyros", anew="run them again"
+    )

@@ -4,16 +4,12 @@ docs/reference/characteristics.schema.json."""
 from pathlib import Path
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from hil.records import json_file
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-
-class SheetRow(_Model):
+class SheetRow(json_file.Strict):
     """One figure of one axis. A value that is null is one that the records cannot tell; `said` tells why."""
 
     axis: str
@@ -33,7 +29,7 @@ class SheetRow(_Model):
     said: str = ""
 
 
-class Curve(_Model):
+class Curve(json_file.Strict):
     """Allan deviation of one axis: cluster length, deviation and its 95 % interval, and the power α of the noise."""
 
     axis: str
@@ -44,7 +40,7 @@ class Curve(_Model):
     alpha: tuple[int, ...]
 
 
-class DataSheet(json_file.Sealed, _Model):
+class DataSheet(json_file.Sealed, json_file.Strict):
     """All figures of a device."""
 
     version: Literal[1] = 1

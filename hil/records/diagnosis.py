@@ -5,22 +5,17 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from estimator import diagnosis as traced
 from estimator.thresholds import THRESHOLDS, values
 from hil.records import json_file
 
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-
 NonNegative = Annotated[float, Field(ge=0)]
 Count = Annotated[int, Field(ge=0)]
 
 
-class Coefficient(_Model):
+class Coefficient(json_file.Strict):
     """An estimate, SI per unit mass."""
 
     value: float | None
@@ -34,7 +29,7 @@ class Coefficient(_Model):
         return (low is None or low <= 0.0) and (high is None or high >= 0.0)
 
 
-class Effect(_Model):
+class Effect(json_file.Strict):
     """A physical effect that the model lacks."""
 
     name: str = Field(description="As in [effects.NAME] of a bench file")
@@ -56,7 +51,7 @@ class Effect(_Model):
         return given
 
 
-class Dependence(_Model):
+class Dependence(json_file.Strict):
     """A constant of the model, or a coefficient, that goes with a covariate of the records traced together."""
 
     name: str
@@ -67,7 +62,7 @@ class Dependence(_Model):
     evidence: float | None = Field(description="As in effects")
 
 
-class Separation(_Model):
+class Separation(json_file.Strict):
     """Two members of an ambiguity group, and what would separate them."""
 
     effect: str
@@ -84,7 +79,7 @@ class Separation(_Model):
     )
 
 
-class Rejected(_Model):
+class Rejected(json_file.Strict):
     """A candidate that was not taken."""
 
     name: str
@@ -100,7 +95,7 @@ class Rejected(_Model):
     )
 
 
-class Finding(_Model):
+class Finding(json_file.Strict):
     """Something seen in the residual of the model as it was."""
 
     kind: str
@@ -110,14 +105,14 @@ class Finding(_Model):
     points_at: tuple[str, ...] = Field(default=(), exclude=True, description="Of older files; not written any more")
 
 
-class Channel(_Model):
+class Channel(json_file.Strict):
     """The same of one sense axis."""
 
     innovation_rms: float | None
     noise_floor: float | None
 
 
-class Fit(_Model):
+class Fit(json_file.Strict):
     """How well a model predicts a part of the record. Null: not finite, or no reference to measure against."""
 
     innovation_rms: float | None = Field(description="In sense_unit, over all axes")
@@ -135,7 +130,7 @@ class Fit(_Model):
     floor_from: str = Field(default="", description="How the noise floor was found")
 
 
-class Probabilities(_Model):
+class Probabilities(json_file.Strict):
     """How probable each account of the record is; the sum is 1."""
 
     effect: str | None = Field(description="Which of `effects` it is about; null where none is named")
@@ -144,7 +139,7 @@ class Probabilities(_Model):
     )
 
 
-class FormTerm(_Model):
+class FormTerm(json_file.Strict):
     """A term of the form of a missing force: c times the form, on each axis with a coefficient of its own or on both
     with one.
     """
@@ -173,7 +168,7 @@ class FormTerm(_Model):
         return bool(self.laws or self.effect) and not all(one.may_be_zero for one in self.coefficients.values())
 
 
-class MissingForce(_Model):
+class MissingForce(json_file.Strict):
     """The force per mass that the model lacks, without a name; its form is no cause. The force itself: force.arrow."""
 
     form: tuple[FormTerm, ...] = Field(description="None: no form was worth its price and bore out")
@@ -188,7 +183,7 @@ class MissingForce(_Model):
     refused: str | None = Field(default=None, description="Why there is none")
 
 
-class Unconfirmed(_Model):
+class Unconfirmed(json_file.Strict):
     """The best candidate of the search, which a check rejects: no answer, and no bench file gets it."""
 
     effects: tuple[Effect, ...]
@@ -196,14 +191,14 @@ class Unconfirmed(_Model):
     held_out: Fit = Field(description="What it leaves on the part that the choice never saw")
 
 
-class HeldOut(_Model):
+class HeldOut(json_file.Strict):
     """On the part of the record that the choice never saw."""
 
     before: Fit
     after: Fit
 
 
-class Diagnosis(json_file.Sealed, _Model):
+class Diagnosis(json_file.Sealed, json_file.Strict):
     """The answer of a trace: before and after are of the part of the record that was fitted."""
 
     version: Literal[1] = 1

@@ -3,11 +3,17 @@
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import BaseModel, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hil.errors import InputError
 from hil.records.atomic import read_json, write_text
 from hil.records.text_seal import UNSEALED, require_unchanged, sealed
+
+
+class Strict(BaseModel):
+    """Part of such a file: no key but its own, no number but a finite one."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
 class Sealed(BaseModel):

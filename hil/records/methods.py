@@ -4,7 +4,7 @@ docs/reference/comparison.schema.json."""
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from hil.errors import InputError
 from hil.records import json_file
@@ -12,15 +12,11 @@ from hil.records import json_file
 MethodKind = Literal["observer", "traced", "prior art", "bound"]
 
 
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
-
-
 NonNegative = Annotated[float, Field(ge=0)]
 SheetFigures = dict[str, tuple[float, float, float]]
 
 
-class MethodRow(_Model):
+class MethodRow(json_file.Strict):
     """One method. Null: the method has no such figure, or the record no reference for it."""
 
     name: str
@@ -69,7 +65,7 @@ class MethodRow(_Model):
     remark: str = ""
 
 
-class Methods(json_file.Sealed, _Model):
+class Methods(json_file.Sealed, json_file.Strict):
     """All methods on one record."""
 
     version: Literal[2] = 2

@@ -4,17 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from hil.numbers import percent
 from hil.records import json_file
 from hil.records.setting import Setting
 
 _SPACE = "\N{NO-BREAK SPACE}"
-
-
-class _Model(BaseModel):
-    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
 NonNegative = Annotated[float, Field(ge=0)]
@@ -26,7 +22,7 @@ RunVerdict = Literal["good", "failed", "interrupted", "unsafe"]
 PartOutcome = Literal["good", "complete", "lacks", "failed", "unsafe", "unknown"]
 
 
-class Part(_Model):
+class Part(json_file.Strict):
     """One part of a verdict."""
 
     outcome: PartOutcome = Field(description="unknown: there is nothing to judge it by")
@@ -49,7 +45,7 @@ class Part(_Model):
         return cls(outcome=bad if reasons else good, reason="; ".join(reasons))
 
 
-class Percentiles(_Model):
+class Percentiles(json_file.Strict):
     """Percentiles of a time, in µs."""
 
     p50: NonNegative
@@ -62,7 +58,7 @@ class Percentiles(_Model):
         return f"{self.p50:.0f}, {self.p99:.0f}, {self.p999:.0f} µs"
 
 
-class Ledger(_Model):
+class Ledger(json_file.Strict):
     """Where the time of a block of samples goes, in force mode of a single one; over those whose answer is known to
     have acted. Both ends on the host's clock."""
 
@@ -76,7 +72,7 @@ class Ledger(_Model):
     total: Percentiles = Field(description="All of it")
 
 
-class ClockRelation(_Model):
+class ClockRelation(json_file.Strict):
     """The board's clock beside the host's, by exchanges of time; intervals are 95 %."""
 
     at_host_ns: int = Field(description="Host time, monotonic, that the offset is for")
@@ -95,7 +91,7 @@ class ClockRelation(_Model):
     used: Count = Field(description="The quickest of each part of the run, which the relation comes from")
 
 
-class BoardClock(_Model):
+class BoardClock(json_file.Strict):
     """What the times of a run are on, and how that is related to the host's clock."""
 
     time_base: str = Field(description="Of every tick and time in the capture, in words")
@@ -114,7 +110,7 @@ class BoardClock(_Model):
         )
 
 
-class Load(_Model):
+class Load(json_file.Strict):
     """Time on a processor over time, 1 being all of one core."""
 
     loop: NonNegative = Field(description="Of the thread that answers the board, while it was driven")
@@ -138,7 +134,7 @@ class Load(_Model):
         return None if self.waited is None else self.waited + (self.stolen or 0.0)
 
 
-class Told(_Model):
+class Told(json_file.Strict):
     """A figure that an algorithm tells of itself."""
 
     name: str
@@ -147,7 +143,7 @@ class Told(_Model):
     limit: float | None = Field(default=None, description="That it had to keep; null without one")
 
 
-class Answers(_Model):
+class Answers(json_file.Strict):
     """What became of each sample, first to last tick of the record; the parts add up to `ticks`."""
 
     ticks: Count = Field(description="Samples the board took, from the first recorded to the last")
@@ -183,7 +179,7 @@ class Answers(_Model):
         return self
 
 
-class Holds(_Model):
+class Holds(json_file.Strict):
     """The quickest setting of a board at which this machine, as it was in the run, answers it in time on that link."""
 
     latency_ticks: Count = Field(description="Force mode: from a sample to the interval its answer acts on; else 0")
@@ -205,7 +201,7 @@ class Holds(_Model):
         return f"{self.setting.words}: {late}, at most {percent(self.at_most, 2)} (95{_SPACE}%)"
 
 
-class Constant(_Model):
+class Constant(json_file.Strict):
     """A constant at the end of the run, estimated or as declared."""
 
     value: float
@@ -227,7 +223,7 @@ class Parameter(Constant):
     ci95: tuple[float, float] = Field(description="95 % interval, [low, high]")
 
 
-class Nees(_Model):
+class Nees(json_file.Strict):
     """Normalised estimation error squared, eᵀ C⁻¹ e, over the entries that have a truth, per entry: 1 for an observer
     that knows how wrong it is, more for one that thinks too well of itself."""
 
@@ -243,7 +239,7 @@ class Nees(_Model):
     )
 
 
-class Score(_Model):
+class Score(json_file.Strict):
     """Estimates beside the truth, over the scored window."""
 
     window_s: tuple[float, float] = Field(description="First and last scored instant, bench time")
@@ -275,7 +271,7 @@ class Score(_Model):
     nees: Nees | None = Field(default=None, description="Null for a run folder without covariance.arrow")
 
 
-class Contribution(_Model):
+class Contribution(json_file.Strict):
     """One row of the angle's uncertainty budget (JCGM 100): a source, how well it is known, what it does."""
 
     source: str
@@ -293,7 +289,7 @@ class Contribution(_Model):
     found: bool = Field(default=False, description="The scan found it to be off: it contributes what that does")
 
 
-class Lacking(_Model):
+class Lacking(json_file.Strict):
     """An effect that the record shows and the model lacks."""
 
     effect: str
@@ -305,7 +301,7 @@ class Lacking(_Model):
     alike: tuple[str, ...] = Field(default=(), description="Effects that this record cannot tell from it")
 
 
-class Unexcluded(_Model):
+class Unexcluded(json_file.Strict):
     """What the record leaves open of one coefficient, were its effect there and no other."""
 
     effect: str
@@ -320,7 +316,7 @@ class Unexcluded(_Model):
     )
 
 
-class Scan(_Model):
+class Scan(json_file.Strict):
     """The scan that closes a run: the model held against its record."""
 
     complete: bool | None = Field(description="Null: the record could not be scanned")
@@ -338,7 +334,7 @@ class Scan(_Model):
     seconds: NonNegative = Field(description="That the scan took")
 
 
-class Angle(_Model):
+class Angle(json_file.Strict):
     """The reported angle at the end of the scored window, zero at its start, and what the source of the method has."""
 
     kind: Literal["pattern", "rate"] = Field(
@@ -356,7 +352,7 @@ class Angle(_Model):
     )
 
 
-class Channel(_Model):
+class Channel(json_file.Strict):
     """One axis of a rate-output sensor over a record."""
 
     mean_rad_s: float
@@ -366,7 +362,7 @@ class Channel(_Model):
     )
 
 
-class Sensor(_Model):
+class Sensor(json_file.Strict):
     """A rate-output sensor as recorded."""
 
     device: str
@@ -386,7 +382,7 @@ TOO_SLOW = (
 """Of two runs, where one of them is not `Result.kept_up`."""
 
 
-class OnBoard(_Model):
+class OnBoard(json_file.Strict):
     """What the board's own estimator said, beside the host's estimates of the same samples; once scored, the truth."""
 
     rows: Count = Field(description="Estimates recorded")
@@ -403,7 +399,7 @@ class OnBoard(_Model):
     score: Score | None = None
 
 
-class Reference(_Model):
+class Reference(json_file.Strict):
     """A sold gyro that was recorded beside the run, and the device beside it: rate = bias + (1 + scale) times the
     reference's rate of `delay` ago."""
 
@@ -444,7 +440,7 @@ class Reference(_Model):
         return f"{', '.join(told)}; time ± {self.time_u_ms:.3g} ms"
 
 
-class Result(json_file.Sealed, _Model):
+class Result(json_file.Sealed, json_file.Strict):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
     version: Literal[2] = 2
