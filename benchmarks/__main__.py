@@ -19,7 +19,6 @@ from hil.records.atomic import write_text
 BENCHMARKS = {
     "angle_slope": "angle per rotation in lockstep, latency 0, 1 and 3",
     "consistency": "coverage, NEES and Cramér–Rao ratio over 400 seeds of S-slow and S-classic",
-    "tracking": "rate steps, a 30 Hz sine, then a million samples of nothing",
     "s_classic": "the rate of S-classic at amplitude / noise = 20 beside its Cramér–Rao bound",
     "uncertainty": "errors of the angle beside its U over 60 drawn devices of three plants; kept in runs/uncertainty",
     "variants": "the observers of 7 and 11 states",
@@ -36,7 +35,6 @@ BENCHMARKS = {
     "bit_flips": "a thousand single changed bits in the record files of a run, each to be told",
     "kills": "kill -9 of host, loop, recorder and board at random moments",
     "closing_scan": "the scan that closes a run: 24 s at 4 kHz, 60 s at 100 kS/s",
-    "soak": "ten million samples in lockstep",
     "memory": "what the verbs need of memory for a minute at 100 kS/s; MEMORY_S=3600 for an hour",
     "bad_line": "a hundred million samples in lockstep on a bad line, twice: the same bytes, nothing silently lost",
     "misbehaviour": "a hundred and forty ways for a board to misbehave, each with what the pages promise",
@@ -50,9 +48,7 @@ BENCHMARKS = {
     "catalogue": "a catalogue of 10^5 runs: read from the folders, listed, filtered, sorted, compared",
     "series": "windows of a long record: opened, zoomed, memory; SERIES_ROWS=N for another length",
     "stream_parts": "what a streamed row costs the host, part by part",
-    "can_codec": "CAN FD frames of four channels, made and read",
     "campaigns": "a campaign killed ten times and gone on with; by 1, 2, 4 workers; on a Dask cluster: what it costs",
-    "growth": "how a step grows with states and effects; score, report and trace with the length of the record",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }
 LONG = {
