@@ -221,22 +221,6 @@ def test_a_scenario_that_nobody_can_mean(
     assert not list((tmp_path / "runs").glob("*"))
 
 
-@pytest.mark.parametrize(
-    ("old", "new"),
-    [
-        ("amplitude_m = ", "amplitude_m = 100.0 #"),
-        ("duration_s = ", "duration_s = 1e300 #"),
-        ("mass_kg = ", "mass_kg = 1e300 #"),
-        ("sample_rate_Hz = ", "sample_rate_Hz = 1e12 #"),
-        ("memory_s = ", "memory_s = 1e-9 #"),
-    ],
-)
-def test_a_bench_that_nobody_can_mean(tmp_path: Path, capsys: pytest.CaptureFixture[str], old: str, new: str) -> None:
-    bench = bench_with(tmp_path, old, new)
-    run = ["run", bench, "--link", "inproc:s-slow", "--clock", "lockstep", "--out", str(tmp_path / "runs")]
-    assert_one_plain_line(*told(capsys, *run))
-
-
 @pytest.mark.moderate
 @pytest.mark.parametrize("name", ["a/b", "../a", "a\nb", "ä", "-a", "", "a b", "n" * 101])
 def test_a_name_that_no_folder_has_is_refused_in_words(hil: Hil, tmp_path: Path, name: str) -> None:

@@ -252,21 +252,6 @@ def test_nothing_is_overwritten(hil: Hil, tmp_path: Path) -> None:
     assert (tmp_path / "my.bench.toml").read_text(encoding="utf-8") == "mine"
 
 
-@pytest.mark.parametrize(
-    ("text", "place"),
-    [
-        ("t_s,vx_V,ux_V\n0,0,0\n1,0\n", "ride.csv:3"),
-        ("t_s,vx_V,ux_V\n0,0,0\n0,0,0\n", "ride.csv:3: column t_s"),
-        ("t_s,vx_V,ux_V\n0,0,0\n1,nan,0\n", "ride.csv:3: column vx_V"),
-        ("t_s,vx_V,ux\n0,0,0\n1,0,0\n", "ride.csv:1"),
-    ],
-)
-def test_bad_records_are_refused_whole(hil: Hil, tmp_path: Path, text: str, place: str) -> None:
-    (tmp_path / "ride.csv").write_text(text, encoding="utf-8")
-    assert refused(hil("import", "ride.csv")).startswith(place)
-    assert [path.name for path in tmp_path.iterdir()] == ["ride.csv"]
-
-
 @pytest.mark.moderate
 def test_what_is_asked_for_is_overwritten_but_never_a_folder(hil: Hil, tmp_path: Path) -> None:
     (tmp_path / "ride.csv").write_text("t_s,vx_V,ux_V\n0,0,0\n1,0,0\n", encoding="utf-8")

@@ -136,17 +136,6 @@ def test_arrays_without_a_file_are_replayed_as_the_record_is(run: hil.Run, tmp_p
     assert np.allclose(from_arrays.rate.values, run.rate.values, atol=1e-6)
 
 
-def test_a_bench_with_some_keys_replaced(opened: hil.Run) -> None:
-    bench = opened.bench.with_(loop={"duration_s": 2.5}, effects={"cubic_stiffness": {"k3x": 1e12}})
-    assert bench.loop.duration_s == 2.5
-    assert bench.effects.named == {"cubic_stiffness": {"k3x": 1e12}}
-    assert opened.bench.loop.duration_s == 1.5
-    with pytest.raises(hil.InputError, match="loops: no section"):
-        opened.bench.with_(loops={})
-    with pytest.raises(hil.InputError, match="duration_s"):
-        opened.bench.with_(loop={"duration_s": -1.0})
-
-
 @pytest.mark.slow
 def test_a_score_puts_the_truth_beside_the_run(run: hil.Run) -> None:
     scored = hil.score(run, run.path.parent / "truth.arrow")

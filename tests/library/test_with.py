@@ -26,6 +26,8 @@ def test_a_bench_is_changed_key_by_key() -> None:
     assert both.effects.named == {"cubic_stiffness": {"k3x": 1e12, "k3y": 1e11}}
     assert bench.effects.named == {}
     assert refusal(lambda: bench.with_(loop=5)).endswith("[loop] expected a table, not 5")  # type: ignore[arg-type]
+    assert "loops: no section" in refusal(lambda: bench.with_(loops={}))
+    assert "duration_s" in refusal(lambda: bench.with_(loop={"duration_s": -1.0}))
     assert "[effects] expected a table" in refusal(lambda: bench.with_(effects=5))  # type: ignore[arg-type]
 
 

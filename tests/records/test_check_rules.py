@@ -164,6 +164,9 @@ def test_a_file_that_is_no_record_is_a_finding_in_a_folder_and_refused_alone(tmp
     assert list(problems(tmp_path)) == ["estimates.arrow"]
     with pytest.raises(InputError, match=r"estimates\.arrow"):
         check(tmp_path / "estimates.arrow")
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="no record in it"):
+        check(tmp_path / "empty")
 
 
 # -------------------------------------------------------------------------------------------------------------- repair

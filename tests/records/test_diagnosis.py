@@ -16,7 +16,7 @@ from estimator.residual.spectrum import density
 from estimator.settings import Device, ObserverSettings
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
-from hil.records.diagnosis import Diagnosis, MissingForce, Probabilities, load_diagnosis, save_diagnosis, to_model
+from hil.records.diagnosis import Diagnosis, Probabilities, load_diagnosis, save_diagnosis, to_model
 from hil.records.result import Result, save_result
 from hil.records.text_seal import sealed
 from hil.report.diagnosis import write_report
@@ -24,7 +24,6 @@ from hil.report.diagnosis.equations import plain, typeset
 from hil.report.diagnosis.page import Pictures, headline, write_page
 from hil.report.diagnosis.tables import coefficients, probable
 from hil.tracing.addition import additions
-from hil.verdict.next_step import after_trace
 
 N, RATE, RESONANCE, NOISE = 16000, 4000.0, 200.0, 9e-5
 DEVICE = Device(
@@ -269,28 +268,12 @@ def test_the_exit_code_says_whether_something_is_left(tmp_path: Path, verdict: t
     assert end.value.exit_code == code
 
 
-@pytest.mark.moderate
 def test_a_trace_ends_with_the_command_that_comes_next(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    folder = tmp_path / "a trace"
-    folder.mkdir()
-    (folder / "bench.toml").touch()
-
-    def told(verdict: traced.Verdict, added: Path | None = None, *, found: bool = True) -> str:
-        model = to_model(answer(verdict=verdict, found=found), record="ride", bench="S-test")
-        with pytest.raises(typer.Exit):
-            finish(folder, model, as_json=False, added=added)
-        last = capsys.readouterr().out.splitlines()[-1]
-        return last.removeprefix("next       ") if last.startswith("next ") else ""
-
-    assert (
-        told(traced.Verdict.EXPLAINED) == f"hil trace ride.arrow --bench '{folder}/bench.toml' --add better.bench.toml"
-    )
-    (tmp_path / "ride").mkdir()
-    again = f"hil trace {tmp_path}/ride --bench '{folder}/bench.toml'"
-    assert told(traced.Verdict.EXPLAINED) == f"{again} --add better.bench.toml"
-    assert told(traced.Verdict.EXPLAINED, Path("better.bench.toml")) == "hil run better.bench.toml"
-    assert told(traced.Verdict.PARTLY) == f"{again} --live"
-    assert told(traced.Verdict.ADEQUATE, found=False) == f"hil export {tmp_path}/ride --what angle"
+    with pytest.raises(typer.Exit):
+        finish(
+            tmp_path, to_model(answer(), record="ride", bench="S-test"), as_json=False, added=Path("better.bench.toml")
+        )
+    assert capsys.readouterr().out.splitlines()[-1] == "next       hil run better.bench.toml"
 
 
 def test_the_page_says_what_comes_next_above_everything_else(tmp_path: Path) -> None:
@@ -451,18 +434,3 @@ def test_the_first_screen_says_of_what_record_a_trace_is(tmp_path: Path) -> None
     assert "pty:" not in top()
     pool = write_page(folder, said, Pictures(), ("Records", "16 000", "samples, 9600 fitted"), "16 000 samples")
     assert "<span>16 000 samples</span>" in pool.read_text(encoding="utf-8")
-
-
-def test_where_no_effect_accounts_for_it_the_form_is_what_comes_next(tmp_path: Path) -> None:
-    folder = tmp_path / "trace"
-    folder.mkdir()
-    (tmp_path / "ride").mkdir()
-    (folder / "bench.toml").touch()
-    said = to_model(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), record="ride", bench="S-test")
-    figures = dict.fromkeys(("rms_mps2", "deviation_mps2", "left", "innovation_before", "innovation_after"))
-    size = {"value": 2.0, "ci95": (1.0, 3.0), "unit": "1/(m²·s²)"}
-    term = {"form": "q³", "sensed": False, "coefficients": {"x": size}, "laws": {"x": ("x**3", "")}}
-    form = MissingForce.model_validate({"form": (term,), "text": "a form", **figures})
-    assert after_trace(folder, said) == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --missing-force"
-    asked = after_trace(folder, said.model_copy(update={"missing_force": form}))
-    assert asked == f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"

@@ -21,10 +21,8 @@ from device_emulator.scenario import load
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.progress import Progress
-from hil.records.answers import count_answers
 from hil.records.result import Answers
 from hil.records.runfolder import RunFolder
-from hil.records.timing import Timing
 from hil.running.request import RunRequest
 from hil.running.run import run
 from hil.wire.inproc import InprocLink
@@ -102,34 +100,6 @@ def counted(tmp_path: Path, declared: Bench, link: type[HandPaced] = HandPaced, 
 def test_an_undisturbed_run_is_answered_in_time(tmp_path: Path) -> None:
     answers = counted(tmp_path, force())
     assert (answers.ticks, answers.in_time, amiss(answers)) == (TICKS, TICKS, {})
-
-
-def ledger(applied: list[int] | None, turnaround_us: list[int], ticks: list[int], deadline_us: float) -> Timing:
-    """Answers to `ticks`, with the tick each was first used at in gain mode."""
-    columns = {"tick": np.array(ticks), "t_receive_ns": np.zeros(len(ticks), np.int64)}
-    columns["t_send_ns"] = 1000 * np.array(turnaround_us)
-    if applied is not None:
-        columns["applied_tick"] = np.array(applied)
-    return Timing(columns, {"block": 10, "deadline_us": deadline_us}, complete=True)
-
-
-def test_a_matrix_that_was_used_late_is_late() -> None:
-    """Blocks of 10 end at 9, 19, …; their matrices are due 10 ticks later. The third is used at 45, the fifth never."""
-    rows = [(np.arange(60), np.zeros(60, np.uint8))]
-    timing = ledger([19, 29, 45, 49, -1, -1], [5] * 6, [9, 19, 29, 39, 49, 59], 1000.0)
-    answers = count_answers(rows, timing, 1)
-    assert answers is not None
-    assert (answers.in_time, answers.late) == (40, 20)  # what the last did lies beyond the record
-    told = count_answers(rows, timing, 1, board_late=1)
-    assert told is not None
-    assert (told.in_time, told.late, told.lost_to_board) == (40, 10, 10)
-
-
-def test_answers_that_left_after_the_deadline_are_slow() -> None:
-    rows = [(np.arange(4), np.zeros(4, np.uint8))]
-    answers = count_answers(rows, ledger(None, [240, 250, 251, 900], [0, 1, 2, 3], 250.0), 1)
-    assert answers is not None
-    assert (answers.in_time, answers.slow) == (4, 2)
 
 
 @pytest.mark.moderate
@@ -224,35 +194,6 @@ def test_gain_mode_late_matrices(tmp_path: Path) -> None:
     held_up = {tick + BLOCK - 1 for tick in range(1000, 3500, 100)}
     answers = counted(tmp_path, gain(), HeldUp, held_up=held_up)
     assert amiss(answers) == {"late": len(held_up) * BLOCK}
-
-
-@pytest.mark.moderate
-@pytest.mark.parametrize(("declared", "size"), [(force, 7), (gain, 13)])
-def test_the_count_does_not_depend_on_how_the_record_is_read(
-    tmp_path: Path, declared: Callable[[], Bench], size: int
-) -> None:
-    link = HandPaced(
-        board(gyro.scenario(tmp_path / "board.toml"), ClockMode.PACED),
-        lost=range(1000, 3000, 100),
-        unheard=range(1039, 3000, 140),
-        stops={3100: 3},
-    )
-    folder, counters = close_loop(link, declared(), tmp_path / "run")
-    capture, timing = folder.capture, folder.timing
-    assert capture is not None
-    assert timing is not None
-    known: dict[str, Any] = {"stopped": counters.stopped, "board_late": counters.board["late"]}
-    whole = count_answers([(capture.tick, capture.flags)], timing, capture.latency_ticks, **known)
-    pieces = [
-        (capture.tick[start : start + size], capture.flags[start : start + size])
-        for start in range(0, len(capture), size)
-    ]
-    assert whole is not None
-    assert whole.lost_to_host > 0
-    assert whole.lost_to_board > 0
-    assert whole.unanswered > 0
-    assert count_answers(pieces, timing, capture.latency_ticks, **known) == whole
-    assert count_answers([], timing, capture.latency_ticks, **known) is None
 
 
 def test_a_count_that_does_not_add_up_is_refused() -> None:

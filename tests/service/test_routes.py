@@ -1,9 +1,7 @@
 """The routes of runs, jobs and bench files, asked of a real service over HTTP."""
 
 import json
-import random
 import shutil
-import string
 import struct
 import time
 import urllib.parse
@@ -158,21 +156,6 @@ def test_no_id_reaches_the_file_system(bench: Serving, hostile: str) -> None:
             assert 400 <= answer.status_code < 500, (method, path, answer.text)
             assert "Traceback" not in answer.text
     assert sorted(path.name for path in bench.folder.iterdir()) == before
-
-
-@pytest.mark.moderate
-def test_questions_drawn_at_random_are_answered_or_refused(bench: Serving) -> None:
-    drawn = random.Random(5)
-    letters = string.printable + "üµ€\x00\u202e"
-
-    def word() -> str:
-        return "".join(drawn.choice(letters) for _ in range(drawn.randrange(0, 30)))
-
-    names = ["verdict", "device", "tag", "kind", "q", "since", "until", "sort", "limit", "after", "where", "state", "x"]
-    for _ in range(100):
-        asked = {name: word() for name in drawn.sample(names, 2)}
-        answer = bench.ask("GET", "/api/runs", params=asked)
-        assert answer.status_code in (200, 400, 422), (asked, answer.text)
 
 
 def test_bench_files_are_listed_and_given_what_a_trace_found(bench: Serving, tmp_path: Path) -> None:
