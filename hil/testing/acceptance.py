@@ -4,8 +4,7 @@ The rules are the tests that the bench's own boards keep (`hil.testing.board_rul
 """
 
 import os
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -57,7 +56,9 @@ def accept(link: str, out: Path, progress: Watcher) -> Accepted:
     answers = Accepted(folder=make_run_folder(out, "accept"))
     collector = _Collector(answers, lambda done, total, name: progress(Progress("accept", done, total, note=name)))
     place = Path(__file__).with_name("board_rules") / "asked.py"
-    with served(link) as board, _named(LINK, board.url), _named("PYTEST_ADDOPTS", ""):
+    with served(link) as board, pytest.MonkeyPatch.context() as environment:
+        environment.setenv(LINK, board.url)
+        environment.setenv("PYTEST_ADDOPTS", "")
         options = ["-p", "no:terminal", "-p", "no:cacheprovider", "-c", os.devnull, "--rootdir", str(place.parent)]
         pytest.main([str(place), *options, "-W", "ignore"], plugins=[collector])
     if not (answers.kept or answers.broken or answers.untried):
@@ -90,19 +91,6 @@ class _Collector:
         if report.when == "teardown":
             self._done += 1
             self._told(self._done, self._total, rule)
-
-
-@contextmanager
-def _named(name: str, value: str) -> Iterator[None]:
-    before = os.environ.get(name)
-    os.environ[name] = value
-    try:
-        yield
-    finally:
-        if before is None:
-            del os.environ[name]
-        else:
-            os.environ[name] = before
 
 
 def _page(answers: Accepted, link: str, board: str, firmware: str) -> str:
