@@ -2,7 +2,7 @@
  *
  *     pty_board [--link pty | can:vcan0 | can:vcan0?node=2] [--rate RAD_S] [--latency TICKS] [--fast] [--seed N]
  *               [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime] [--estimator] [--wrong START_S:RATE]
- *               [--trims]
+ *               [--trims] [--sense-bits N]
  *
  * Prints one line, `ready serial:/dev/pts/N` or `ready can:vcan0`, then serves until it is killed or, in lockstep
  * on a pty, the host hangs up. --fast: 5 kHz sampled at 100 kS/s, for gain mode, instead of 200 Hz at 4 kS/s.
@@ -10,6 +10,7 @@
  * --estimator: the board has the estimator of gyro_estimator.h, for board mode. --wrong: from that second on its rate reads
  * so, `nan` for instance.
  * --trims: two trim outputs, x and y, 0 to 10 V, which soften an axis each by 0.6 % of 1.6e6 1/s2 at 4 V.
+ * --sense-bits: of the converter, 16 by default.
  * --fault: a protection of the board's own trips, so many seconds after the first tick, for so long.
  */
 #define _GNU_SOURCE /* ppoll, prctl */
@@ -46,6 +47,7 @@ typedef struct options {
     unsigned node;
     unsigned latency;
     unsigned seed;
+    unsigned sense_bits; /* 0: the device's own */
     double fault_s[2]; /* start and length of a fault, on the board's clock */
     bool realtime;
     bool estimator;
@@ -215,6 +217,8 @@ static bool set_up(station *s, const options *o) {
     s->device.rate_rad_s = o->rate_rad_s;
     if (o->sample_rate_Hz > 0.0)
         s->device.sample_rate_Hz = o->sample_rate_Hz;
+    if (o->sense_bits > 0u)
+        s->device.sense_bits = o->sense_bits;
     s->on_can = o->interface != NULL;
     memset(&config, 0, sizeof config);
     config.identity = resonator_identity(device, 0xC99, (uint16_t)o->latency);
@@ -317,6 +321,8 @@ static bool parse(options *o, int argc, char **argv) {
             o->latency = (unsigned)strtoul(value, &end, 10);
         else if (!strcmp(argv[k], "--seed"))
             o->seed = (unsigned)strtoul(value, &end, 10);
+        else if (!strcmp(argv[k], "--sense-bits"))
+            o->sense_bits = (unsigned)strtoul(value, &end, 10);
         if (end == NULL || end == value || *end != '\0')
             return false;
         k++;
@@ -330,7 +336,7 @@ int main(int argc, char **argv) {
     if (!parse(&o, argc, argv)) {
         fprintf(stderr, "pty_board: expected [--link pty|can:IFACE[?node=N]] [--rate RAD_S] [--latency TICKS] "
                         "[--fast] [--seed N] [--sample-rate HZ] [--fault START_S:DURATION_S] [--realtime] "
-                        "[--estimator] [--wrong START_S:RATE] [--trims]\n");
+                        "[--estimator] [--wrong START_S:RATE] [--trims] [--sense-bits N]\n");
         return 2;
     }
     if (!set_up(&s, &o))

@@ -25,6 +25,9 @@
 #ifndef SEED
 #define SEED 1u
 #endif
+#ifndef SENSE_BITS
+#define SENSE_BITS 16u
+#endif
 
 static hil_board board;
 static hil_serial serial;
@@ -79,6 +82,7 @@ int main(void) {
     uint8_t data[64];
     device = resonator_slow;
     device.rate_rad_s = RATE_RAD_S;
+    device.sense_bits = SENSE_BITS;
     uart_init();
     if (!start(&device))
         return 1;
