@@ -36,6 +36,8 @@ class Stretched(Filtered):
     def part(self, rows: slice) -> "Stretched":
         """The same of these samples of the first stretch only."""
         first = Filtered.part(self, rows)
+        if first is self and not self.later:
+            return self
         return replace(self, problem=first.problem, beginning=first.beginning, later=())
 
     def layout(self, effects: Effects) -> ObserverLayout:

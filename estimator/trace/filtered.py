@@ -108,8 +108,8 @@ class Filtered(Likelihood):
         self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
         """A pass over the record.  Raises ModelError as `Observer` does."""
-        key = (repr(model.effects), model.theta.tobytes(), model.noise, derivatives, repr(tested))
-        return self._kept.evaluation(key, lambda: self._evaluated(layout, model, derivatives, tested))
+        key = (repr(model.effects), model.theta.tobytes(), model.noise, repr(tested))
+        return self._kept.evaluation(key, derivatives, lambda: self._evaluated(layout, model, derivatives, tested))
 
     def _evaluated(self, layout: Layout, model: Model, derivatives: bool, tested: Effects | None) -> Evaluation:
         assert isinstance(layout, ObserverLayout)
@@ -172,10 +172,12 @@ class Filtered(Likelihood):
 
     def _with_force(self, layout: Layout, model: Model, close: float, parts: Sequence["Filtered"] = ()) -> Model:
         """The model with the random force that makes these parts most probable, or all of the record."""
-        least = float(np.log10(self.declared_noise().force))
+        declared = self.declared_noise().force
+        least = float(np.log10(declared))
 
         def with_force(value: float) -> Model:
-            return replace(model, noise=replace(model.noise, force=float(10.0**value)))
+            force = declared if value == least else float(10.0**value)  # not rounded: that would be another model
+            return replace(model, noise=replace(model.noise, force=force))
 
         def likelihood(value: float) -> float:
             return sum(part._log_likelihood(layout, with_force(value)) for part in parts or [self])

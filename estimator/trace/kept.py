@@ -16,7 +16,7 @@ class Kept:
 
     def __init__(self) -> None:
         self._parts: dict[Hashable, Any] = {}
-        self._passes: dict[Hashable, Evaluation] = {}
+        self._passes: dict[tuple[Hashable, bool], Evaluation] = {}
 
     def part(self, rows: Hashable, cut: Callable[[], T]) -> T:
         """The part of these rows, cut the first time."""
@@ -25,11 +25,11 @@ class Kept:
         found: T = self._parts[rows]
         return found
 
-    def evaluation(self, key: Hashable, make: Callable[[], Evaluation]) -> Evaluation:
-        """The pass, made where it is not among the last ones."""
-        found = self._passes.get(key)
+    def evaluation(self, key: Hashable, derivatives: bool, make: Callable[[], Evaluation]) -> Evaluation:
+        """The pass, made where it is not among the last ones; one with derivatives has all of one without."""
+        found = self._passes.get((key, True)) or self._passes.get((key, derivatives))
         if found is None:
-            found = self._passes[key] = make()
+            found = self._passes[key, derivatives] = make()
             for oldest in list(self._passes)[:-PASSES]:
                 self._passes.pop(oldest, None)
         return found

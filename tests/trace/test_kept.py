@@ -15,12 +15,18 @@ def test_a_pass_is_made_once_and_forgotten_after_many_others() -> None:
     layout = of.layout({})
     first = of.evaluate(layout, model)
     assert of.evaluate(layout, model) is first
-    assert of.evaluate(layout, model, derivatives=False) is not first
+    assert of.evaluate(layout, model, derivatives=False) is first
+    other = model_of(of, {})
+    other.theta[0] += 0.01
+    without = of.evaluate(layout, other, derivatives=False)
+    seen = of.evaluate(layout, other)
+    assert seen is not without
+    np.testing.assert_array_equal(seen.innovation, without.innovation)
     assert of.part(slice(0, 100)) is of.part(slice(None, 100))
     assert of.part(slice(0, of.samples + 5)) is of
     kept = of._kept
     for k in range(PASSES):
-        kept.evaluation(k, lambda: first)
+        kept.evaluation(k, True, lambda: first)
     again = of.evaluate(layout, model)
     assert again is not first
     np.testing.assert_array_equal(again.information, first.information)
