@@ -13,7 +13,7 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 
 RADIUS = 0.7
-_FOLDING = Arguments(("total", "delay"), ("settings", "memory", "x", "a", "b", "c", "turns", "gain", "bias", "motion"))
+_FOLDING = Arguments("core.c", "Folding")
 LIBRARY.estimator_gains.argtypes = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
 _CONDITION = 1e6  # of the signals by the motion; beyond it rounding and noise are all there is
 

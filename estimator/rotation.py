@@ -76,12 +76,7 @@ class _Noise(NamedTuple):
     sample: Array
 
 
-_TURNING = Arguments(
-    ("n", "reference"),
-    ("steps", "rate", "x", "seen", "innovation", "p", "q", "noise", "rotation", "deviation", "states"),
-    ("rate_intensity", "h"),
-)
-"""`Turning` of estimator/core/rotation.h."""
+_TURNING = Arguments("rotation.h", "Turning")
 
 
 class Recursion:

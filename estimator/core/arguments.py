@@ -1,20 +1,28 @@
-"""What a call of the core takes, as one C structure: first counts, then arrays by their addresses, then numbers."""
+"""What a call of the core takes, as the structure that its C text declares."""
 
 import ctypes
-from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
+
+from estimator.core.declared import Header
+from estimator.core.layout import NUMBERS
+
+
+@cache
+def header(name: str) -> Header:
+    """A text of the core, with the numbers of layout.h."""
+    return Header(Path(__file__).with_name(name), NUMBERS)
 
 
 class Arguments:
-    """A structure of the core by the names of its fields, in the order of its declaration in C."""
+    """A structure of the core: by the text that declares it, and its name."""
 
-    def __init__(self, counts: Sequence[str], arrays: Sequence[str], numbers: Sequence[str] = ()) -> None:
-        self._arrays = frozenset(arrays)
-        kinds = ((counts, ctypes.c_int64), (arrays, ctypes.c_void_p), (numbers, ctypes.c_double))
-        fields = [(name, kind) for names, kind in kinds for name in names]
-        self._structure = type("_Structure", (ctypes.Structure,), {"_fields_": fields})
+    def __init__(self, text: str, name: str) -> None:
+        self._structure = type(name, (ctypes.Structure,), {"_fields_": header(text).fields(name)})
 
     def __call__(self, **given: Any) -> Any:
         """A pointer to the structure; arrays that are not given are absent in C.  It keeps its arrays alive.
@@ -22,7 +30,7 @@ class Arguments:
         Raises ValueError for an array that is not contiguous: what C wrote to a copy would be lost.
         """
         filled = self._structure(
-            **{name: _address(value) if name in self._arrays else value for name, value in given.items()}
+            **{name: _address(value) if isinstance(value, np.ndarray) else value for name, value in given.items()}
         )
         filled.kept = given
         return ctypes.pointer(filled)

@@ -6,37 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.core.arguments import Arguments
-from estimator.core.layout import MAX_LATENCY, Floats, Record
+from estimator.core.arguments import Arguments, header
+from estimator.core.layout import Floats, Record
 from estimator.core.library import LIBRARY
 
-_HISTORY = 64
-_QUEUE = MAX_LATENCY + 2
-
-BOARD = np.dtype(
-    [
-        ("a", "f8", (2, 2)),
-        ("b", "f8", 2),
-        ("c", "f8", 2),
-        ("delay", "i8"),
-        ("latency", "i8"),
-        ("limit", "f8"),  # drive codes
-        ("dither", "f8"),
-        ("closed", "i8"),
-        ("gain", "f8", (2, 4)),
-        ("bias", "f8", 2),
-        ("waiting", "i8"),  # 1: the matrix below waits for its tick
-        ("effective", "i8"),
-        ("next_gain", "f8", (2, 4)),
-        ("next_bias", "f8", 2),
-        ("s", "f8", (2, 2)),  # of each axis
-        ("past", "f8", (_HISTORY, 2)),  # sense codes, by tick
-        ("shift", "u4"),  # register of the dither
-        ("queue", "f8", (_QUEUE, 2)),  # drive codes, by the tick at which their interval ends
-    ],
-    align=True,
-)
-_CARRIED = Arguments(("first", "rows"), ("board", "settings", "x", "drives"))
+BOARD = header("foresight.h").row("Board")
+_CARRIED = Arguments("entries_trace.h", "Foresight")
 
 LIBRARY.gyro_board_size.restype = ctypes.c_int64
 _ADDRESS, _COUNT = ctypes.c_void_p, ctypes.c_int64

@@ -20,7 +20,7 @@ _NUMBER = re.compile(r"^#define (\w+) (.+)$", re.MULTILINE)
 _STRUCTURE = re.compile(r"typedef struct \{(.*?)\} (\w+);", re.DOTALL)
 _CALLED = re.compile(r"[\w ]+\(\*(\w+)\)\(.*\)", re.DOTALL)
 _MEMBERS = re.compile(r"(?:const )?(\w+) (.+)", re.DOTALL)
-_DECLARATOR = re.compile(r"(\*?)(\w+)((?:\[.+\])?)")
+_DECLARATOR = re.compile(r"(\(?\*|)(\w+)\)?((?:\[.+\])?)")
 
 
 class Header:
@@ -59,7 +59,7 @@ class Header:
                 raise ValueError(f"{line}: {one} is no member that this reader knows")
             pointer, name, room = declarator.groups()
             kind = ctypes.c_int64 if pointer else self._types.get(found[1], ctypes.c_int64)
-            for length in reversed(room[1:-1].split("][") if room else ()):
+            for length in reversed(room[1:-1].split("][") if room and not pointer else ()):
                 kind *= self._number(length)
             members.append((name, kind))
         return members

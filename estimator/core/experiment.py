@@ -8,7 +8,7 @@ from estimator.core.following import Observing
 from estimator.core.layout import Floats
 from estimator.core.library import LIBRARY
 
-_EXPERIMENT = Arguments(("n",), ("settings", "rates", "stiffness", "noise", "truth", "sensed", "drive"), ("late",))
+_EXPERIMENT = Arguments("experiment.h", "Experiment")
 MOST_LATE = 63
 
 

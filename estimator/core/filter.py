@@ -17,15 +17,8 @@ Array = NDArray[np.float64]
 _places = (ctypes.c_int64 * 3)()
 LIBRARY.gyro_estimator_places(_places)
 _SIZE, _SAMPLE, _CODES = _places
-_ARRAYS = Arguments(
-    ("count", "n", "total", "angles", "phases"),
-    (
-        "settings", "memory", "rows", "active", "intensity", "prior", "spread", "initial", "table", "x", "p", "c",
-        "trims",
-    ),
-)  # fmt: skip
-_BLOCK = Arguments(("n", "terms", "every"), ("z", "u", "h", "temperature", "truth", "rows", "states", "deviations"))
-_GATHERING = Arguments(("settle", "samples"), ("total", "weight"), ("rotation", "h"))
+_ARRAYS, _BLOCK = Arguments("estimator.h", "Arrays"), Arguments("estimator.h", "Block")
+_GATHERING = Arguments("core.c", "Gathering")
 _KINDS = {"settings": SETTINGS, "memory": MEMORY, "rows": OUTPUT, "active": np.dtype(np.int64), "trims": TRIMS}
 STEP = ctypes.cast(LIBRARY.estimator_tick, ctypes.c_void_p).value or 0
 """Address of the function by which a caller in C has a filter take a sample and answer it."""

@@ -13,11 +13,7 @@ from estimator.core.structures import Arrays
 BLOCK = 12
 """The width of a matrix of equations is a multiple of it."""
 
-_SCAN = Arguments(
-    ("n", "terms", "warm", "count", "known", "weighed", "turning", "width", "instants"),
-    ("constants", "z", "u", "h", "temperature", "rows", "delta", "equations", "turned", "course", "scratch"),
-    ("level",),
-)
+_SCAN = Arguments("scan.h", "Scan")
 
 
 class Portion(NamedTuple):

@@ -9,11 +9,7 @@ from estimator.core.following import Observing
 from estimator.core.layout import Floats
 from estimator.core.library import LIBRARY
 
-_RUN = Arguments(
-    ("n", "terms", "parts", "sensitive", "order", "total"),
-    ("x", "u", "h", "sensed", "sensitivity", "full"),
-    ("time",),
-)
+_RUN = Arguments("simulation.h", "FreeRun")
 
 
 def free_run(

@@ -17,8 +17,10 @@ Record = NDArray[np.void]  # one row of a dtype below
 
 _HEADER = Header(Path(__file__).with_name("layout.h"), {})
 
+NUMBERS = _HEADER.numbers
+"""That it defines, by name."""
 MAX_LATENCY, MAX_AXES, MAX_EFFECTS, MAX_SIGNALS, MAX_SLIPS, MAX_DEGREE, MAX_DELAY, MAX_ENTRIES, MAX_TRIMS = (
-    _HEADER.numbers[f"MAX_{name}"]
+    NUMBERS[f"MAX_{name}"]
     for name in ("LATENCY", "AXES", "EFFECTS", "SIGNALS", "SLIPS", "DEGREE", "DELAY", "ENTRIES", "TRIMS")
 )
 

@@ -14,12 +14,7 @@ from estimator.core.library import LIBRARY
 _PANEL = 64 + 2
 """Rows that are multiplied out together, and those of the sample that fills them."""
 
-_PASS = Arguments(
-    ("begin", "end", "skip", "terms", "warm", "count", "known", "shifted", "width", "parts"),
-    ("bounds", "constants", "z", "u", "h", "temperature", "others", "shifts", "delta", "innovation", "variance",
-     "white", "gram", "logs", "counted", "limit", "panel", "squares", "scratch"),
-    ("level", "half"),
-)  # fmt: skip
+_PASS = Arguments("likelihood.h", "Likelihood")
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from estimator.core.library import LIBRARY
 
 Array = NDArray[np.float64]
 
-_SERIES = Arguments(("n",), ("given", "out"), ("size",))
+_SERIES = Arguments("series.h", "Series")
 
 
 def play(rate: Array, width: float) -> Array:
