@@ -71,7 +71,7 @@ class Truth(Section):
         for name in ("stiffness_N_per_m", "damping_N_s_per_m"):
             xx, yy, xy = getattr(self, name)
             if xy * xy > xx * yy:
-                raise ValueError(f"{name}: expected a matrix [xx, yy, xy] that holds energy back, xy² ≤ xx yy")
+                raise ValueError(f"{name}: a matrix [xx, yy, xy] that could add energy; xy² must be at most xx yy")
         return self
 
 

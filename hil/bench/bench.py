@@ -56,7 +56,7 @@ class Bench(Tables):
             raise ValueError("[trim] electrodes: a single axis has no split to null; leave the table out")
         if self.trim.electrodes and self.loop.mode == "board":
             raise ValueError(
-                '[trim] electrodes: a board\'s own estimator is not told of them; use [loop] mode = "gain"'
+                '[trim] electrodes: a board\'s own estimator does not get their voltages; use [loop] mode = "gain"'
             )
         if self.trim.electrodes and self.controller.mode in CLASSIC:
             raise ValueError(
@@ -65,7 +65,7 @@ class Bench(Tables):
             )
         if self.trim.electrodes and self.observer.plugin is not None:
             raise ValueError(
-                "[trim] electrodes: [observer] plugin is not told of their voltages; take the plug-in or the table out"
+                "[trim] electrodes: [observer] plugin does not get their voltages; remove the plug-in or the table"
             )
         if self.trim.control and not self.controller.enabled:
             raise ValueError("[trim] control: nulls what a closed loop shows; set [controller] enabled = true")

@@ -92,7 +92,7 @@ def _sheet(
     rows = tuple(row for axis in told for row in _rows(request, axis))
     against = any(row.kept is False for row in rows)
     referred = any(axis.referred for axis in told)
-    remarks = [] if referred else [f"no reference tells how the device turned; bias {AT_REST}"]
+    remarks = [] if referred else [f"no reference for the rotation of the device; bias {AT_REST}"]
     return DataSheet(
         device=device,
         serial_number=serial,

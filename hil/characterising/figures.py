@@ -28,7 +28,7 @@ _FIGURE_OF = {
 }
 AT_REST = "as of a device at rest; the Earth's rate is in it"
 AT_ONE_RATE = "at the record's one rate; the scale factor error times that rate is in it"
-_CONFOUNDED = "the record does not tell it apart from the figures above"
+_CONFOUNDED = "the record does not separate it from the figures above"
 
 
 @dataclass
@@ -177,7 +177,7 @@ def _read(told: AxisFigures, record: Axis, sums: AllanSums) -> None:
         told.found["bias_instability"] = Estimate(read.value, read.low, read.high)
     elif noise.bias_bound_rad_s is not None:
         bound = noise.bias_bound_rad_s
-        told.found["bias_instability"] = Estimate(bound, 0.0, bound, "the record is too short; it lies below (95 %)")
+        told.found["bias_instability"] = Estimate(bound, 0.0, bound, "the record is too short; upper limit (95 %)")
 
 
 def _response(record: Axis) -> dict[str, Estimate]:
@@ -214,7 +214,7 @@ def _turn_on(told: AxisFigures, parts: list[Stretches]) -> None:
     from scipy.stats import chi2
 
     if len(parts) < 2:
-        told.missing["bias_turn_on"] = "needs several records, each of a start of its own"
+        told.missing["bias_turn_on"] = "needs several records, each after a new start"
         return
     biases = [found.fit.of("bias") for part in parts if (found := line(part)) is not None]
     if len(biases) < 2:
@@ -233,12 +233,12 @@ def _say_what_is_missing(told: AxisFigures, whole: Stretches) -> None:
     why |= dict.fromkeys((*moved, "threshold", "dead_zone", "scale_factor_temperature"), unmoved)
     if whole.moves:
         why |= {
-            "scale_factor_nonlinearity": "needs three rates, each given for three stretches",
+            "scale_factor_nonlinearity": "needs three rates, each applied in three stretches",
             "scale_factor_asymmetry": "needs rates of both signs, and of several sizes",
             "bandwidth": "the output does not fall by 3 dB where it follows the reference",
             "delay": "no frequency at which the output follows the reference",
-            "threshold": "no rate below 5 % of the largest was given long enough to be seen in the noise",
-            "dead_zone": "no rate below 5 % of the largest was given long enough to be seen in the noise",
+            "threshold": "no rate below 5 % of the largest lasted long enough to exceed the noise",
+            "dead_zone": "no rate below 5 % of the largest lasted long enough to exceed the noise",
         }
     cold = "needs a temperature" if whole.temperature is None else "needs a temperature that changes by 2 K"
     why["bias_temperature"] = cold

@@ -17,12 +17,12 @@ class CharacteriseOptions(TypedDict, total=False):
 
     name: RunNameOption
     duration_s: Annotated[
-        Annotated[float, Gt(0.0), Le(1e6)] | None, Help("Of a LINK: seconds that are recorded first.  [default: 60]")
+        Annotated[float, Gt(0.0), Le(1e6)] | None, Help("With a LINK: seconds to record first.  [default: 60]")
     ]
     temperature_C: Annotated[
         Annotated[float, Ge(-273.15), Le(1000.0)] | None,
         Called("temperature"),
-        Help("Temperature of the device in °C where the record has none; kept with the calibration."),
+        Help("Temperature of the device in °C, for a record without one; stored with the calibration."),
     ]
     report: Annotated[bool, Default(True), Help("Draw report.html; leave it out to save time on many records.")]
 
@@ -31,12 +31,12 @@ class LocalCharacteriseOptions(CharacteriseOptions, total=False):
     """And what names a file of this machine."""
 
     truth: Annotated[
-        Names, Called("truth"), Help("File that the emulated board of a run wrote: how it turned. One for each run.")
+        Names, Called("truth"), Help("True states that the emulated board of a run wrote; one file for each run.")
     ]
     calibrate: Annotated[
         Path | str | None,
         Called("calibrate"),
-        Help("Folder, as calibrations: keep there, as SERIAL.toml, what depends on the angle."),
+        Help("Folder for calibrations: write the errors that depend on the angle there, as SERIAL.toml."),
     ]
     junit: Annotated[Path | str | None, Called("junit"), Help("Write the limits, kept or not, as JUnit XML too.")]
     replace: Annotated[bool, Help("Overwrite an existing file.")]

@@ -52,8 +52,9 @@ def render(made: str, sheet: DataSheet, told: Sequence[AxisFigures]) -> str:
 
 
 _HOW = (
-    "Intervals are 95 %. A figure that is not told has the reason beside it; a limit on it is not kept. Noise is read "
-    "off the overlapping Allan deviation, with the degrees of freedom of the noise at each length. Bias, scale factor, "
+    "Intervals are 95 %. A figure that the records do not determine has the reason beside it; its limit is not kept. "
+    "Noise is read from the overlapping Allan deviation, with the degrees of freedom of the noise at each length. "
+    "Bias, scale factor, "
     "temperature and angle come from one fit to the record's stretches, whose intervals allow for correlated noise."
 )
 

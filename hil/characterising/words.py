@@ -13,7 +13,7 @@ _SPACE = "\u00a0"
 def shown(row: SheetRow) -> str:
     """`0.152 °/√h (0.148 to 0.156)`: as many digits as the interval bears."""
     if row.value is None or row.low is None or row.high is None:
-        return "not told"
+        return "not determined"
     figure = BY_NAME[row.figure]
     value, low, high = (figure.shown(number) for number in (row.value, row.low, row.high))
     half, size = 0.5 * (high - low), max(abs(value), abs(low), abs(high))

@@ -30,12 +30,12 @@ def characterise(
     json: Json = False,
     **options: Unpack[LocalCharacteriseOptions],
 ) -> None:
-    """Tell the figures of a data sheet from records of one device.
+    """Determine the figures of a data sheet from records of one device.
 
     Terms of IEEE Std 1431 and 952, each with its 95 % interval, in the units of data sheets: bias and its scatter from
     run to run, scale factor, noise by the Allan deviation, bandwidth, delay, threshold, temperature; of a whole-angle
-    run also what depends on the angle. A figure that the records do not tell has the reason beside it. [limits] of the
-    bench file may limit each. Exit code 0: every limit is kept; 1: one is not, or its figure is not told.
+    run also the errors that depend on the angle. If the records do not determine a figure, the table has the reason.
+    [limits] of the bench file may limit each. Exit code 0: every limit is kept; 1: one is not, or has no figure.
 
     Examples:
 

@@ -40,7 +40,8 @@ def emulate(
 
     --latency and --rate change the board and its IDENTITY; the device stays that of the scenario. If the host starts
     the board, give them in the link: pty:SCENARIO?latency=TICKS&rate=HZ. The host uses the values of IDENTITY, and
-    refuses a bench file with another sample_rate_Hz. A SENSE has [loop] block samples of the bench file.
+    refuses a bench file with another sample_rate_Hz. A SENSE message has as many samples as
+    [loop] block of the bench file says.
 
     Examples:
 

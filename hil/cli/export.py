@@ -69,4 +69,4 @@ def export(
         told = ", ".join(f"{count} rows of {name}" for name, count in rows.items())
         say(f"{target}: {told}")
         if written.left_out:
-            say(f"  not in a CSV: {', '.join(written.left_out)}; Parquet and MAT carry them")
+            say(f"  a CSV does not contain: {', '.join(written.left_out)}; Parquet and MAT do")

@@ -18,7 +18,7 @@ Folder = Annotated[Path, typer.Option("--runs", help="Folder for records and pag
 Arm = Annotated[bool, typer.Option("--arm", help="Consent to arming the board; emulated ones started here need none.")]
 
 Accept = Annotated[
-    bool, typer.Option("--accept", help="Ask the board for every rule of the wire instead, and write what it keeps.")
+    bool, typer.Option("--accept", help="Test the board against every rule of the wire instead of the experiment.")
 ]
 
 
@@ -34,17 +34,17 @@ def identify(
 ) -> None:
     """Find a board's constants by an experiment, and write its bench file.
 
-    The board rests, is swept over all frequencies, and then driven about its resonances by bursts and a random
-    pattern, with free decays between. Nothing is driven on beyond the limit of the sense voltage. At every end the
-    host sends SAFE, as in hil run. The file has a value and an uncertainty for every key that a record tells; what it
-    does not tell is marked. report.html has Bode and ring-down plots, and the settings
-    that are proposed, with the noise, bandwidth and margin that they reach.
+    The experiment: the board at rest, a sweep over all frequencies, then bursts and a random drive about the
+    resonances, with free decays between. Keep the board still. The drive stops where the sense voltage reaches its
+    limit. At every end the host sends SAFE, as in hil run. The file has a value and an uncertainty for every key that
+    a record determines; the others are marked. report.html has Bode and ring-down plots, and the proposed settings
+    with the noise, bandwidth and margin that they reach.
 
-    A board that does not do what it says (latency, signs, scales, bits, channels) is named, and no file is written:
-    exit code 1. Scales and both signs are held against --like. Let the board stand still meanwhile.
+    If the board differs from its IDENTITY (latency, signs, scales, bits, channels), the difference is named and no
+    file is written: exit code 1. --like also compares scales and both signs with a bench file.
 
-    --accept asks for every rule that docs/wire.md and docs/safety.md have for a board: conversation, order, loss,
-    limits, watchdog, stops. Exit code 1: one is not kept.
+    --accept tests the board against every rule of docs/wire.md and docs/safety.md: conversation, order, loss, limits,
+    watchdog, stops. Exit code 1: a rule is broken.
 
     Examples:
 

@@ -84,7 +84,7 @@ def show(run: Place, json: Json = False) -> None:
     if kind in ("sheet", "identify"):
         raise InputError(f"{folder}: is {kind_of(folder)}; open {folder / 'report.html'}, or list it with hil ls")
     if not RunFolder.open(folder).result_path.exists():
-        raise InputError(f"{folder}: no result.json; `hil replay {folder}` works its figures out")
+        raise InputError(f"{folder}: no result.json; `hil replay {folder}` computes its figures")
     finish(folder, as_json=json)
 
 

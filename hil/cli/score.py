@@ -31,7 +31,7 @@ def score(run: Run, truth: TruthFile, json: Json = False) -> None:
     told = f"{run}: nothing of it was changed"
     try:
         compare(run, truth)
-        told = f"{run}: the figures are in result.json, the report is not drawn anew"
+        told = f"{run}: the figures are in result.json, the report was not made again"
         write_report(run, truth)
     except KeyboardInterrupt:
         say(told)

@@ -190,7 +190,8 @@ def _print(told: dict[str, Any], lines: list[str]) -> None:
     outcomes = ", ".join(f"{number} {outcome}" for outcome, number in told["outcomes"].items())
     print(printable(f"{told['campaign']}: {told['runs']} runs ({outcomes}), {told['made']} of them made now"))
     if (found := told["dependence"]) is not None:
-        print(f"\nvariance of {told['figure']}; the fit predicts {percent(found['predicted'])} of what it has not seen")
+        share = percent(found["predicted"])
+        print(f"\nvariance of {told['figure']}; the fit predicts {share} of that of runs that it was not fitted to")
         for one in [*found["keys"], *(pair for pair in found["pairs"] if pair["ci95"][0] > 0.0)][:12]:
             low, high = one["ci95"]
             named = " × ".join(one["keys"])

@@ -140,7 +140,7 @@ def _traces(a: Path, b: Path) -> Comparison:
 
 def _result(folder: RunFolder) -> Result:
     if (found := folder.result) is None:
-        raise InputError(f"{folder.path}: no result.json; `hil replay {folder.path}` works its figures out")
+        raise InputError(f"{folder.path}: no result.json; `hil replay {folder.path}` computes its figures")
     return found
 
 

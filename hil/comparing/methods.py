@@ -137,8 +137,8 @@ def methods_on(
     remarks += rows.failed
     if bench.offset_sd_V:
         remarks.append(
-            f"{STATES['gyro']} states and {prior_art.WITHOUT_OFFSETS}: take the sense offsets as zero, of which "
-            f"{bench.offset_sd_V:g} V are declared; their U leaves them out"
+            f"{STATES['gyro']} states and {prior_art.WITHOUT_OFFSETS}: assume that the sense offsets are zero, "
+            f"but {bench.offset_sd_V:g} V are declared; their U does not include them"
         )
     if subject.streams:
         remarks.append("bound: of samples only")

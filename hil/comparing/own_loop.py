@@ -43,7 +43,7 @@ def require_emulated(link: str) -> str:
     """The link with its scenario as a path.  Raises InputError for a board that may move something real."""
     if not is_emulated(link):
         raise InputError(
-            f"{link}: the prior art closes the loop with emulated boards only, as nothing watches over it; "
+            f"{link}: the prior art closes the loop with emulated boards only, since no limit stops it; "
             "give inproc:SCENARIO or pty:SCENARIO, or leave --link out"
         )
     return located(link)

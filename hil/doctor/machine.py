@@ -34,7 +34,7 @@ def scheduling() -> Finding:
 def carriers() -> Finding:
     """Whether the kernel's workers that carry a serial line's bytes may be put ahead of ordinary processes."""
     if line_workers.permitted():
-        return Finding("kernel's line workers", "good", "a run over a serial port or a pty puts them ahead")
+        return Finding("kernel's line workers", "good", "a run over a serial port or a pty raises their priority")
     told = "they carry a serial line's bytes at ordinary priority: other programs make answers late"
     remedy = f"sudo {sys.executable} -m hil.running.line_workers, in a terminal of its own while runs last"
     return Finding("kernel's line workers", "missing", told, remedy)
@@ -66,10 +66,10 @@ def processors() -> Finding:
     load = os.getloadavg()[0]
     told = f"{count}, load {load:.1f}"
     if count < 2:
-        remedy = "give the machine a second one: loop and recorder want one each"
+        remedy = "add a second processor: loop and recorder need one each"
         return Finding("processors", "missing", told, remedy)
     if load > 0.75 * count:
-        return Finding("processors", "missing", told, "end what else runs here, or expect late answers")
+        return Finding("processors", "missing", told, "end other programs, or expect late answers")
     return Finding("processors", "good", told)
 
 

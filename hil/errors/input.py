@@ -72,5 +72,5 @@ def told_to_user(error: BaseException) -> str | None:
     if isinstance(error, OSError) and error.errno in _NOT_OURS:  # of a write, which does not know the file's name
         return f"a file cannot be written: {os.strerror(error.errno).lower()}; make room, or give another place"
     if isinstance(error, MemoryError):
-        return "out of memory: the values given ask for more than this machine has"
+        return "out of memory: the given values need more than this machine has"
     return None

@@ -40,7 +40,7 @@ def formula_of(bench: Bench) -> Formula:
         return Formula("pattern", "formula (11): the declared gyro is isotropic and undamped, so no control is needed")
     if bench.observer.variant == "sense":
         return Formula("rate", f"the integrated rate, not formula (11): without control {flaw}")
-    return Formula("none", f"without control {flaw}, and a rate that is estimated beside the parameters is no angle")
+    return Formula("none", f"without control {flaw}")
 
 
 def _flaw(bench: Bench) -> str:

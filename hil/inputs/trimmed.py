@@ -48,7 +48,7 @@ def at_rest(captured: Capture, bench: Bench, trims: Trims | None) -> AtRest:
     told = ""
     if len(part) < len(captured):
         begin_s, end_s = (tick / captured.tick_rate_Hz for tick in part.ends)
-        told = f"the trim voltages stand still from {begin_s:.3f} to {end_s:.3f} s; only that part was used"
+        told = f"the trim voltages are constant from {begin_s:.3f} to {end_s:.3f} s; only that part was used"
     return AtRest(part, bench.with_(device={"stiffness_N_per_m": tuple(map(float, springs))}), told)
 
 

@@ -38,7 +38,7 @@ class Run:
     def result(self) -> "Result":
         """Figures, verdict and its parts, as in result.json. Raises InputError where the run has none yet."""
         if (found := self._folder.result) is None:
-            raise InputError(f"{self.path}: no result.json; hil.replay works its figures out")
+            raise InputError(f"{self.path}: no result.json; hil.replay computes its figures")
         return found
 
     @property

@@ -24,7 +24,7 @@ class SheetRow(json_file.Strict):
     sheet_unit: str
     limit: float | None = Field(default=None, description="[limits] of the bench file, SI; null: none")
     kept: bool | None = Field(
-        default=None, description="Whether the limit is kept; a figure that is not told keeps none"
+        default=None, description="Whether the limit is kept; false for a figure that is not determined"
     )
     said: str = ""
 
@@ -50,7 +50,7 @@ class DataSheet(json_file.Sealed, json_file.Strict):
     seconds: float
     reference: Literal["truth", "rate channel", "reference gyro"] | None = Field(
         default=None,
-        description="What tells how the device turned; null: nothing, and it is taken to have been at rest",
+        description="Source of the true rotation; null: none, and the device is assumed to be at rest",
     )
     verdict: Literal["good", "failed"]
     rows: tuple[SheetRow, ...]

@@ -37,9 +37,9 @@ class Effect(json_file.Strict):
     equations: tuple[str, ...]
     coefficients: dict[str, Coefficient]
     evidence: float | None = Field(description="Twice the gain of log-likelihood on the fitting part")
-    compensation: str = Field(description="How loop and angle are kept rid of it once it is declared")
+    compensation: str = Field(description="How the loop and the angle are corrected for it once it is declared")
     angle_bound_rad: float | None = Field(
-        default=None, description="What compensation leaves: the angle's error by the 95 % intervals, at most"
+        default=None, description="Largest angle error that compensation leaves, by the 95 % intervals"
     )
 
     @model_validator(mode="before")
@@ -58,7 +58,7 @@ class Dependence(json_file.Strict):
     covariate: str
     reference: float = Field(description="Of the covariate: there the constant is `at_reference`")
     at_reference: Coefficient
-    per_unit: Coefficient = Field(description="Change with one of the covariate, in the unit given by one of that")
+    per_unit: Coefficient = Field(description="Change per unit of the covariate")
     evidence: float | None = Field(description="As in effects")
 
 
@@ -75,7 +75,7 @@ class Separation(json_file.Strict):
         default=None, description="How long it has to last to separate them 95 times in 100"
     )
     angle_apart_rad: float | None = Field(
-        default=None, description="How far the angle moves, at most, with the other instead"
+        default=None, description="Largest change of the angle with the other instead"
     )
 
 
@@ -85,10 +85,11 @@ class Rejected(json_file.Strict):
     name: str
     reason: str
     bound: dict[str, Coefficient] = Field(
-        default_factory=dict, description="What its coefficients can be at most, where the record says"
+        default_factory=dict, description="Largest coefficients that the record allows, where it determines them"
     )
     evidence: float | None = Field(
-        default=None, description="What a scan of the first residual promised of it by itself, in units as in effects"
+        default=None,
+        description="What the score test of the first residual predicts for it alone, in the units of effects",
     )
     gain: float | None = Field(
         default=None, description="Its gain where it was last fitted, as in effects; null where it never was"
@@ -101,7 +102,7 @@ class Finding(json_file.Strict):
     kind: str
     text: str
     size_V: float | None = Field(description="rms of that part of the residual, in sense_unit")
-    significance: float | None = Field(description="In standard deviations, the many places looked at allowed for")
+    significance: float | None = Field(description="In standard deviations, corrected for the number of places tested")
     points_at: tuple[str, ...] = Field(default=(), exclude=True, description="Of older files; not written any more")
 
 
@@ -148,7 +149,7 @@ class FormTerm(json_file.Strict):
         description="In q, v, u: an axis' displacement, velocity, drive; p, w, s: those of the other axis; r, v of the "
         "plane where the coefficient is of both; J turns by a right angle; or an effect of the catalogue in words"
     )
-    sensed: bool = Field(description="Whether it is added to the displacement that is sensed, and does not push")
+    sensed: bool = Field(description="Whether it is added to the sensed displacement; it is not a force then")
     coefficients: dict[str, Coefficient] = Field(
         description="By axis, x, y or both; of a wave by cos and sin as well; of an effect by symbol"
     )
@@ -171,9 +172,9 @@ class FormTerm(json_file.Strict):
 class MissingForce(json_file.Strict):
     """The force per mass that the model lacks, without a name; its form is no cause. The force itself: force.arrow."""
 
-    form: tuple[FormTerm, ...] = Field(description="None: no form was worth its price and bore out")
+    form: tuple[FormTerm, ...] = Field(description="Empty: no form was better by BIC and on the part held out")
     text: str = Field(description="The same in words")
-    rms_mps2: float | None = Field(description="Of the force along the record, beyond what constants can take up")
+    rms_mps2: float | None = Field(description="Of the force, without the part that constants can explain")
     deviation_mps2: float | None = Field(description="Standard deviation of the force at a sample")
     left: float | None = Field(description="Share of the force, rms, that the form leaves on the part held out")
     innovation_before: float | None = Field(description="Held out, over what is expected of noise")
@@ -188,7 +189,7 @@ class Unconfirmed(json_file.Strict):
 
     effects: tuple[Effect, ...]
     failed: tuple[str, ...] = Field(description="The checks that failed, a sentence each")
-    held_out: Fit = Field(description="What it leaves on the part that the choice never saw")
+    held_out: Fit = Field(description="What it leaves on the part held out")
 
 
 class HeldOut(json_file.Strict):
@@ -258,7 +259,7 @@ class Diagnosis(json_file.Sealed, json_file.Strict):
     )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
-        default=None, description="How far the angle moves, at most, by all that brings the residual down"
+        default=None, description="Largest change of the angle when the model includes all that reduces the residual"
     )
     sense_unit: str = Field(default="V", description="Unit of what is sensed: V, or the sensor's own, as px or µstrain")
     prepared: tuple[str, ...] = Field(
@@ -269,7 +270,7 @@ class Diagnosis(json_file.Sealed, json_file.Strict):
     samples: Count
     split: Count = Field(description="Samples that were fitted; the rest was held out")
     thresholds: dict[str, dict[str, int | float | tuple[float, ...]]] = Field(
-        default_factory=dict, description="What tracing went by, group by group, as in estimator/thresholds.py"
+        default_factory=dict, description="The thresholds of tracing, by group, as in estimator/thresholds.py"
     )
 
 

@@ -97,7 +97,7 @@ def refused(reason: str) -> written.MissingForce:
 def said(form: Form) -> str:
     """One sentence: the form, and what it is worth; never a cause."""
     if not form.terms:
-        return "the force has no form that a few terms would give, and that would bear out on the part held out"
+        return "no form of a few terms describes the force on the part held out"
     pushing = [term.form for term in form.terms if not term.sense]
     sensed = [term.form for term in form.terms if term.sense]
     parts = []

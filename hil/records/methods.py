@@ -26,7 +26,7 @@ class MethodRow(json_file.Strict):
     )
     angle_rad: float | None = Field(default=None, description="Change of the angle over the scored window")
     angle_u_rad: NonNegative | None = Field(
-        default=None, description="Its standard uncertainty (k = 1), as the method says it"
+        default=None, description="Its standard uncertainty (k = 1), as the method states it"
     )
     angle_expanded_rad: NonNegative | None = Field(default=None, description="Its expanded uncertainty (k = 2)")
     angle_error_rms_rad: NonNegative | None = Field(
@@ -35,13 +35,13 @@ class MethodRow(json_file.Strict):
     angle_error_max_rad: NonNegative | None = None
     rate_error_rms_rad_s: NonNegative | None = None
     rate_expanded_rad_s: NonNegative | None = Field(
-        default=None, description="Expanded (k = 2): twice the rms of the deviation it says"
+        default=None, description="Expanded (k = 2): twice the rms of the deviation it states"
     )
     stiffness_error: NonNegative | None = Field(
         default=None, description="rms of the errors of kxx, kyy and kxy at the end, over the target stiffness"
     )
     stiffness_expanded: NonNegative | None = Field(
-        default=None, description="Expanded (k = 2): twice the rms of the deviations it says"
+        default=None, description="Expanded (k = 2): twice the rms of the deviations it states"
     )
     damping_error: NonNegative | None = Field(
         default=None, description="rms of the errors of dxx, dyy and dxy at the end, over the true mean of dxx and dyy"
@@ -74,7 +74,7 @@ class Methods(json_file.Sealed, json_file.Strict):
     seconds: NonNegative
     window_s: tuple[float, float] = Field(description="The scored window, bench time")
     reference: Literal["truth", "rate channel", "reference gyro"] | None = Field(
-        default=None, description="What errors are held against; null: nothing, and there are no errors"
+        default=None, description="Reference of the errors; null: none, and there are no errors"
     )
     rows: tuple[MethodRow, ...]
     remarks: tuple[str, ...] = Field(default=(), description="What could not be compared, and why, a line each")

@@ -235,7 +235,7 @@ class Nees(json_file.Strict):
         "for a plain EKF"
     )
     band: tuple[float, float] = Field(
-        description="Where the mean lies in 95 % of runs of an honest observer (χ²), were it of so many instants"
+        description="Interval that holds the mean in 95 % of runs if the covariance is right (χ² of so many instants)"
     )
 
 
@@ -286,7 +286,7 @@ class Contribution(json_file.Strict):
         description="The same as declared, which the estimates have; null for what only the closing scan tells",
     )
     assumed: bool = Field(default=False, description="The bench file declares nothing: a usual value was taken")
-    found: bool = Field(default=False, description="The scan found it to be off: it contributes what that does")
+    found: bool = Field(default=False, description="The scan found that it is wrong: this is the effect of that error")
 
 
 class Lacking(json_file.Strict):
@@ -311,9 +311,7 @@ class Unexcluded(json_file.Strict):
     angle_rad_per_unit: float = Field(
         description="By how much a unit of it moves the reported angle by the end of the scored window"
     )
-    angle_rad: NonNegative = Field(
-        description="How far the angle may be off for its whole effect, rms, where that is most"
-    )
+    angle_rad: NonNegative = Field(description="Angle error by its whole effect, rms, where that is largest")
 
 
 class Scan(json_file.Strict):
@@ -326,7 +324,7 @@ class Scan(json_file.Strict):
         default=(), description="Lacking too, but it moves the angle by far less than [limits] angle_rad"
     )
     cannot_exclude: tuple[Unexcluded, ...] = Field(
-        default=(), description="Every coefficient watched, the one that may move the angle most first"
+        default=(), description="Every tested coefficient, the one with the largest possible angle error first"
     )
     ratio: NonNegative | None = Field(default=None, description="Innovation over what was predicted of it, rms")
     samples: Count = Field(description="Looked at")
@@ -347,8 +345,8 @@ class Angle(json_file.Strict):
     )
     control_imperfection_rms_rad: NonNegative | None = Field(
         default=None,
-        description="Pattern less the virtual rotation alone, minus the reported angle, over the scored window: what "
-        "an ideal control would have made nothing of",
+        description="Pattern less the virtual rotation alone, minus the reported angle, over the scored window: "
+        "0 with an ideal control",
     )
 
 
@@ -375,10 +373,7 @@ class Sensor(json_file.Strict):
     )
 
 
-TOO_SLOW = (
-    "this machine was too slow for its part: the loop was open in between, "
-    "and the angle errors do not compare the models"
-)
+TOO_SLOW = "this machine answered too late: the loop was open at times, so the angle errors do not compare the models"
 """Of two runs, where one of them is not `Result.kept_up`."""
 
 

@@ -22,7 +22,7 @@ def section(material: Material) -> str:
     )
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         said += (
-            " The patent's formula (11), which takes off the virtual rotation only, gives "
+            " The patent's formula (11), which subtracts the virtual rotation only, gives "
             f"{_both(angle.plain_rad)}. Turn caused by drive forces (already subtracted): "
             f"{_both(angle.control_imperfection_rms_rad)} rms."
         )

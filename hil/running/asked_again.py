@@ -98,7 +98,7 @@ def _offer(endpoint: Endpoint, probe: Message, patience_s: float, asked: Asked) 
     if rows:
         asked.drives = "it takes a drive and streams"
     else:
-        asked.odd.append("it does not refuse a drive in SAFE, so that nothing but its word says that it stopped")
+        asked.odd.append("it does not refuse a drive in SAFE, so that only its STATUS says that it stopped")
 
 
 def _is_trim(register: str) -> bool:

@@ -72,7 +72,7 @@ def require_undone(bench: Bench) -> None:
     for name in bench.effects.named:
         if name.partition(":")[0] in of_the_way:
             raise InputError(
-                f"[effects.{name}]: no loop can undo it yet; leave it out of the bench file, and trace a record of a "
+                f"[effects.{name}]: no control law compensates it yet; leave it out, and trace a record of a "
                 f"single axis with `hil trace`"
             )
 
@@ -90,12 +90,8 @@ def require_suitable(bench: Bench, identity: Identity, link: str) -> None:
             "nothing could be driven; correct the firmware"
         )
     if (kept := clock_kept(able, clock)) is not clock:
-        refused = {
-            ClockMode.LOCKSTEP: "the board cannot wait for the host",
-            ClockMode.PACED: "this board is not paced by an emulator",
-            ClockMode.REAL: "this board is an emulated one, which keeps no clock of hardware",
-        }
-        raise InputError(f'{link}: {refused[clock]}; use [loop] clock = "{kept.name.lower()}"')
+        refused, offered = clock.name.lower(), kept.name.lower()
+        raise InputError(f'{link}: the board does not offer clock = "{refused}"; use [loop] clock = "{offered}"')
     if bench.loop.mode == "gain" and Capabilities.GAIN_MODE not in able:
         raise InputError(f'{link}: the board cannot close the loop itself; use [loop] mode = "force"')
     if bench.loop.mode == "board" and Capabilities.BOARD_MODE not in able:

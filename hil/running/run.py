@@ -187,7 +187,7 @@ def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: st
         counters=counters,
         verdict="unsafe" if safety.outcome == "unsafe" else "interrupted",
         parts={"safety": safety},
-        reasons=(*told, "interrupted while the figures were worked out: `hil replay` gives them"),
+        reasons=(*told, "interrupted while the figures were computed: `hil replay` gives them"),
         complete=there.complete,
     )
 

@@ -59,7 +59,7 @@ class _Live:
             try:
                 self._tell_state()
             except Exception:  # noqa: BLE001 - a page that hears no more would go on showing what was
-                _LOG.exception("the state could not be told; it is tried again")
+                _LOG.exception("the state could not be sent; it is tried again")
             await asyncio.sleep(_RUNNING_S)
             self._changed.clear()
             if not self.hub.live:

@@ -26,7 +26,7 @@ _GAUGES = {
 _COUNTS = {
     "samples": ("hil_samples", "Samples of this run that were looked at"),
     "lost": ("hil_samples_lost", "Samples of this run that did not come"),
-    "held": ("hil_samples_held", "Samples at which the board held its drive for want of an answer"),
+    "held": ("hil_samples_held", "Samples at which the board held its drive because no answer came"),
     "late": ("hil_answers_late", "Samples of this run whose answer reached the board after its effective tick"),
 }
 

@@ -94,7 +94,7 @@ def schema(campaign: Campaign) -> "pyarrow.Schema":
     fields += [field(one.column, kind_of(one), ", ".join(one.keys)) for one in campaign.vary]
     fields += [field(name, *told) for name, told in {**FIGURES, **AT_END}.items()]
     sheet = [BY_NAME[name] for name in campaign.each.figures]
-    fields += [field(one.key, "float64", f"{one.title}, of a data sheet; null: not told") for one in sheet]
+    fields += [field(one.key, "float64", f"{one.title}, of a data sheet; null: not determined") for one in sheet]
     return pa.schema(fields, metadata={"campaign": campaign.name})
 
 

@@ -132,7 +132,7 @@ def _fit(plan: Plan, found: Dependence | None) -> str:
         return markup.paragraph("Too few runs have the figure, or it is the same in all: nothing can be divided.")
     said = (
         f"Of the variance of {'log10 of ' if found.logarithmic else ''}{found.figure} over {count(found.rows)} runs "
-        f"the fit explains {percent(found.explained)}. Of the variance of runs that it has not seen it predicts "
+        f"the fit explains {percent(found.explained)}. Of the variance of runs that it was not fitted to it predicts "
         f"{percent(found.predicted)}."
     )
     if found.left_out:
@@ -140,7 +140,7 @@ def _fit(plan: Plan, found: Dependence | None) -> str:
     if found.between_seeds is not None:
         said += f" Between runs of one point, which differ by their seeds, there is {percent(found.between_seeds)}."
     if found.predicted < _PREDICTS:
-        said += " That is little: the shares below say what stands out, not what the error is made of."
+        said += " That is little: the shares below do not explain most of the error."
     return markup.paragraph(said)
 
 

@@ -60,7 +60,7 @@ def moving(part: Part, device: Device) -> Part:
         return part
     rest = len(part.record) - until
     said = (
-        f"the motion has come to rest at {record.time[-1]:.4g} s: the {rest} samples behind are left out, a mass that "
-        "stands tells no law from another; to trace them, give --fraction"
+        f"the motion has come to rest at {record.time[-1]:.4g} s: the {rest} samples after that are not used, "
+        "since every law predicts that a mass at rest stays there; --fraction uses them"
     )
     return Part(captured, record, split, (*part.said, said))

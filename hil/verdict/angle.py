@@ -12,12 +12,12 @@ from hil.verdict.budget import largest_source
 from hil.verdict.remedies import remedy
 
 _OPEN_LOOP = (
-    "no angle is reported: {why}; run with the control law on, or without it with "
+    "no angle is reported: {why}; run with the control law on, or with "
     '[observer] variant = "sense", which integrates the rate'
 )
 _BEYOND = 2.0
 """Expanded uncertainties, four standard ones: an honest angle is off by more in one run of 16 000."""
-_UNTOLD = "the observer tells no uncertainty of its angle (angle_u): hil score with a truth tells what it is worth"
+_UNTOLD = "the observer gives no uncertainty of its angle (angle_u); hil score with a truth shows its error"
 _FROM_ELSEWHERE = "no angle is reported: an imported record without control is judged by its model"
 
 
@@ -94,7 +94,7 @@ def _by_truth(error_rad: float | None, limit_rad: float) -> Part:
     """What an angle without an uncertainty is worth: nobody knows, unless the truth was told."""
     if error_rad is None:
         return Part(outcome="unknown", reason=_UNTOLD)
-    told = f"off by {_angle(error_rad)} at the end, by the truth; the observer tells no uncertainty of it"
+    told = f"off by {_angle(error_rad)} at the end, by the truth; the observer gives no uncertainty of it"
     if error_rad > limit_rad:
         return Part.of([f"the angle is {told}, [limits] angle_rad is {limit_rad:g}"])
     return Part.of([]).model_copy(update={"reason": told})

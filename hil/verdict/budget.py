@@ -244,7 +244,7 @@ def _beyond(bench: Bench, information: "Information") -> list[Contribution]:
             source=UNDECLARED,
             value=contribution,
             unit="rad",
-            sensitivity=f"1: one or none of all, each as probable and as large as the record leaves it; most by {name}"
+            sensitivity=f"1: at most one effect, each as probable and as large as the record allows; largest: {name}"
             + (f"; {quantity(found, 'rad', 2)} by what the scan found and calls harmless" if found else ""),
             contribution_rad=contribution,
         )

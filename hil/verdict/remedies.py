@@ -44,9 +44,9 @@ def remedy(row: Contribution, bench: Bench) -> Remedy:
     if row.source == LACKING:
         return Remedy("hil trace the run with --add better.bench.toml, and run with that bench file")
     if row.source == DAMPING:
-        return Remedy("measure the damping, and say how well with [observer.initial_sd] damping")
+        return Remedy("measure the damping, and declare its uncertainty by [observer.initial_sd] damping")
     key = f"{row.source.replace(' ', '_')}_u{'_s' if row.unit == 's' else ''}"
-    return Remedy(f"calibrate it, and declare how well with [device.calibration] {key}", calibrates=key)
+    return Remedy(f"calibrate it, and declare its uncertainty by [device.calibration] {key}", calibrates=key)
 
 
 def _there_and_back(bench: Bench) -> float:
@@ -88,7 +88,7 @@ def _excitation(bench: Bench) -> Remedy:
         changes["virtual_reversal_s"] = _rounded(math.pi / rate)
         reversal = f" and virtual_reversal_s = {changes['virtual_reversal_s']:g}"
     return Remedy(
-        f"set [controller] virtual_rotation_rad_s = {rate:g}{reversal}, so that the record says more of the device, "
+        f"set [controller] virtual_rotation_rad_s = {rate:g}{reversal}, so that the device becomes more observable, "
         "and run again",
         {"controller": changes},
     )

@@ -28,7 +28,7 @@ def judge_safety(outcome: Mapping[str, Any]) -> Part:
         cause = _CAUSE.get(safety["latched"], "ask who, or what, stopped it")
         return Part(outcome="failed", reason=_latched(safety, stopped), next=cause)
     if safety["broke"]:
-        return Part(outcome="failed", reason=stopped, next="see to the board: its supply, its link, its firmware")
+        return Part(outcome="failed", reason=stopped, next="check the board: its supply, its link, its firmware")
     if odd := safety.get("odd"):
         return Part(outcome="failed", reason=f"{'; '.join(odd)}", next=_FIRMWARE)
     if safety["recorder"]:
@@ -37,7 +37,7 @@ def judge_safety(outcome: Mapping[str, Any]) -> Part:
     if safety["signs"]:
         reason = stopped if safety["signs"] in stopped else safety["signs"]
         return Part(
-            outcome="failed", reason=reason, next="turn the sign in the bench file, or the wires, and run again"
+            outcome="failed", reason=reason, next="change the sign in the bench file, or swap the wires, and run again"
         )
     if safety["confirmed"] is None:
         return Part(outcome="failed", reason=stopped or safety["words"])

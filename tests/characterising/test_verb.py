@@ -77,7 +77,7 @@ def test_a_sensor_at_rest(tmp_path):
 
 
 def test_a_table_that_steps_and_the_limits_of_its_data_sheet(tmp_path, called):  # noqa: F811
-    """The limits decide the exit code and the test cases; a figure that is not told keeps none."""
+    """The limits decide the exit code and the test cases; a limit without its figure is not kept."""
     capture = turned(tmp_path / "table.arrow")
     bench = tmp_path / "sensor.bench.toml"
     limits = "[limits]\nscale_factor_error_ppm = {}\nbias_deg_per_h = 100.0\n"

@@ -75,4 +75,4 @@ def test_a_score_says_whether_its_figures_are_there(
     told = rest[-1]
     scored = json.loads(after)["score"] is not None
     assert scored == (after != before)
-    assert told.endswith("the report is not drawn anew" if scored else "nothing of it was changed")
+    assert told.endswith("the report was not made again" if scored else "nothing of it was changed")

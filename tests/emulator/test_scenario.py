@@ -50,7 +50,7 @@ def changed(old: str, new: str) -> str:
         (
             "15.7914]",
             "1e4]",
-            "[truth]: stiffness_N_per_m: expected a matrix [xx, yy, xy] that holds energy back, xy² ≤ xx yy",
+            "[truth]: stiffness_N_per_m: a matrix [xx, yy, xy] that could add energy; xy² must be at most xx yy",
         ),
         ("[1e-4, 0.0]", "1", "[truth] position_m: expected a list of numbers, got 1"),
         ("fingers = 100", "fingers = [1, 2, 3]", "[sense] fingers: expected 2 numbers, got 3"),

@@ -88,7 +88,7 @@ def test_a_mass_that_sticks_is_traced_up_to_there_and_the_friction_is_found(tmp_
     assert high - low < 0.05 * FRICTION
     (said,) = found.prepared
     assert said.startswith("the motion has come to rest at 1.")
-    assert said.endswith("to trace them, give --fraction")
+    assert said.endswith("--fraction uses them")
     held_out = found.held_out
     assert held_out.before.ratio > 10.0 > 1.1 > held_out.after.ratio
     whole = hil.trace(record, hil.load_bench(bench), fraction=0.6, report=False, out=tmp_path).diagnosis

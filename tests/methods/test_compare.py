@@ -60,7 +60,7 @@ def test_there_is_a_row_for_every_method_and_the_bound_is_last(found: hil.Method
     assert [row.name for row in found.rows] == [*ON_RECORD, *OWN, BOUND]
     assert found.reference == "truth"
     (remark,) = found.remarks
-    assert "take the sense offsets as zero, of which 0.0089 V are declared" in remark
+    assert "assume that the sense offsets are zero, but 0.0089 V are declared" in remark
     assert {row.name for row in found.rows if row.record == "its own"} == set(OWN)
 
 

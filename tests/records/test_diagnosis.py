@@ -250,7 +250,7 @@ def test_a_headline_says_what_is_wrong_with_a_constant() -> None:
     assert "falls" not in said
     nothing = replace(answer(found=False, verdict=traced.Verdict.UNEXPLAINED), reasons=("dyy comes out negative", "b"))
     said = headline(to_model(nothing, record="ride", bench="S-test"))
-    assert said == "Nothing in the catalogue accounts for what is seen: dyy comes out negative"
+    assert said == "No effect of the catalogue explains the residual: dyy comes out negative"
 
 
 @pytest.mark.parametrize(

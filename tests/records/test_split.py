@@ -36,7 +36,7 @@ def test_what_follows_rest_goes_and_what_is_left_is_split_anew(lost: int) -> Non
     assert part.captured.tick[-1] - part.captured.tick[0] == 999
     assert part.split == pytest.approx(lost + 0.6 * (1000 - lost), abs=1.0)
     assert part.said[0] == "imported"
-    assert part.said[1].startswith("the motion has come to rest at 0.999 s: the 8000 samples behind are left out")
+    assert part.said[1].startswith("the motion has come to rest at 0.999 s: the 8000 samples after that are not used")
 
 
 @pytest.mark.parametrize(("at", "samples"), [(5500, 9000), (300, 9000), (9000, 9000)])

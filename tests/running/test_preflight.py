@@ -63,7 +63,7 @@ def refused(identity: Identity, **known: Any) -> str:
 def test_what_no_loop_can_undo_is_refused(name: str) -> None:
     usual = override(bench(), {"effects": {"cubic_stiffness": {}, "dry_friction": {}}}, "usual")
     require_undone(usual)
-    with pytest.raises(InputError, match=rf"^\[effects\.{name}\]: no loop can undo it yet; .*`hil trace`$"):
+    with pytest.raises(InputError, match=rf"^\[effects\.{name}\]: no control law compensates it yet; .*`hil trace`$"):
         require_undone(override(usual, {"effects": {name: {}}}, "with it"))
 
 

@@ -187,7 +187,7 @@ def test_a_turning_sensor_has_no_noise_figures(page: Make) -> None:
     rates[:, 2] += 5.0 * np.sin(2 * np.pi * 0.5 * np.arange(len(rates)) / RATE_HZ)
     said = words(page(rates))
     assert re.search(r"spreads wider than its white noise, z by \d+(\.\d+)? times", said)
-    assert "Axis z: not told." in said
+    assert "Axis z: not determined." in said
     assert "Axis x: angle random walk 0.1" in said
 
 

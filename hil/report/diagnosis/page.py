@@ -34,10 +34,10 @@ _WORDS = {
     "unexplained": ("bad", "Unexplained"),
 }
 _SAYS = {
-    "adequate": "Nothing stands in the residual that the model would have to explain",
-    "explained": "The model lacked an effect, and with it the rest of the record is predicted",
-    "partly explained": "Something is missing that acts like effects of the catalogue, and something else besides",
-    "unexplained": "Nothing in the catalogue accounts for what is seen",
+    "adequate": "The residual contains nothing that the model would have to explain",
+    "explained": "The model lacked an effect; with it, it predicts the rest of the record",
+    "partly explained": "Effects of the catalogue explain a part of the residual, and something else is missing too",
+    "unexplained": "No effect of the catalogue explains the residual",
 }
 
 

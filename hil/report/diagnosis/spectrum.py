@@ -39,7 +39,7 @@ def held_out_spectrum_figure(material: Material) -> Drawing | None:
     legend(panels[0])
     panels[-1].set_xlabel("frequency / Hz")
     caption = (
-        "Amplitude density of the innovation on the part of the record that the choice never saw (Welch). "
+        "Amplitude density of the innovation on the part of the record that is held out (Welch). "
         f"Dotted: multiples of the resonance f₀ = {quantity(resonance, 'Hz', 4)}."
     )
     was, now = (significant(fit.ratio) for fit in material.fits[2:])

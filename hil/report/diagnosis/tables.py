@@ -26,8 +26,8 @@ def fits(diagnosis: Diagnosis) -> str:
     head, rows = fit_rows(diagnosis)
     floor = floor_from(diagnosis)
     caption = (
-        f"{floor}Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, which the "
-        "choice never saw"
+        f"{floor}Fitted: {count(diagnosis.split)} samples of {count(diagnosis.samples)}. Held out: the rest, "
+        "which was not used for the choice"
     )
     return table(caption, head, rows, range(1, len(head)))
 
@@ -140,7 +140,7 @@ def findings(found: Sequence[Finding], unit: str = "V") -> str:
         )
         for finding in found
     ]
-    caption = "Largest first; σ: significance, with all the places looked at allowed for"
+    caption = "Largest first; σ: significance, corrected for the number of places tested"
     return table(caption, ("in the residual", "rms", "σ"), rows, (1, 2)) if rows else ""
 
 

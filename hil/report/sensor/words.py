@@ -73,11 +73,11 @@ def _told(found: Noise) -> str:
         if not found.curve.deviation.any():
             return "every sample is the same; there is no noise to read"
         return (
-            f"not told. At clusters up to {quantity(found.told_s, 's')} the curve is not that of noise alone, as if "
-            "the sensor turned or vibrated"
+            f"not determined. At clusters up to {quantity(found.told_s, 's')} the curve is not that of noise alone, "
+            "as if the sensor turned or vibrated"
         )
     white = found.readings.get("white")
-    first = "no stretch of the curve falls as white noise does, so no angle random walk is told"
+    first = "no stretch of the curve falls as white noise does, so no angle random walk is given"
     if white is not None:
         first = f"angle random walk {interval(white, 'white')}"
     if found.fit.from_s > found.curve.tau_s[0]:
@@ -90,7 +90,7 @@ def instability(found: Noise) -> str:
     if (read := found.bias_instability) is not None:
         return f"bias instability {interval(read, 'flicker')}, read at τ = {quantity(read.tau_s, 's')}"
     if found.bias_bound_rad_s is None or found.told_s is None:
-        return "bias instability not told"
+        return "bias instability not determined"
     below = f"{significant(found.bias_bound_rad_s * PER_HOUR, 2)}\u00a0°/h"
     return (
         f"too short for the bias instability: at τ = {quantity(found.told_s, 's')}, the longest of which there are ten "

@@ -83,7 +83,7 @@ class LinkProcess:
         while not heard.endswith(b"\n"):
             if not select.select([output], (), (), max(end - time.monotonic(), 0.0))[0]:
                 self.give_up()
-                raise LinkError(f"{late}; see to its cable, its driver or its server")
+                raise LinkError(f"{late}; check its cable, its driver or its server")
             if not (more := os.read(output, 1 << 16)):
                 raise LinkError("the link was given up")
             heard += more

@@ -42,7 +42,7 @@ class AskedRun(_Asked):
     kind: Literal["run"]
     bench: Word
     link: Word | None = Field(default=None, description="inproc:SCENARIO or pty:SCENARIO; by default the bench file's")
-    score: bool = Field(default=False, description="Hold the run against the truth of the emulated board")
+    score: bool = Field(default=False, description="Compare the run with the truth of the emulated board")
 
 
 @with_fields(RecordOptions)

@@ -84,6 +84,6 @@ class Hub:
             try:
                 self.look()
             except Exception:  # noqa: BLE001 - clients would go on being shown what was
-                _LOG.exception("what the run brought could not be looked at; the next look goes on")
+                _LOG.exception("the new rows of the run could not be read; it is tried again")
             due = max(due + 1.0 / LOOKS_PER_S, clock())
             await asyncio.sleep(due - clock())
