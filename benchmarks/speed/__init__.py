@@ -1,10 +1,11 @@
 """Speed of a step, each figure a ratio against a peer in the same run, with its spread.
 
-The product's observer (`Observer.run` in blocks of 250, and a sample at a time; `Observer.tick` as the loop calls it)
-beside the same step written by hand in plain C, filterpy's extended Kalman filter with the model in NumPy, and the
-NumPy oracle.  All peers run the same samples
-in turn, round after round; a figure is the median over the rounds, a ratio the median of the rounds' ratios, and its
-spread their quartiles.  Times are the processor's, of this thread.
+The product's observer (`Observer.run` over a round's samples in one call, and a sample at a time; `Observer.tick` as
+the loop calls it) beside the same step written by hand in plain C, filterpy's extended Kalman filter with the model in
+NumPy, and the NumPy oracle.  The plain C is compiled twice: for this very processor, with products fused into sums, and
+for the instruction set of the product's library without, as bits ask for that are the same on every machine.  All peers
+run the same samples in turn, round after round; a figure is the median over the rounds, a ratio the median of the
+rounds' ratios, and its spread their quartiles.  Times are the processor's, of this thread.
 """
 
 import json
@@ -18,13 +19,12 @@ import numpy as np
 
 from benchmarks.row import Row, Say
 from benchmarks.speed.cases import CASES, Case
-from benchmarks.speed.peers import HandWritten, Oracle, filterpy_with_numpy
+from benchmarks.speed.peers import SAME_ROUNDING, HandWritten, Oracle, filterpy_with_numpy
 from estimator.core.compiler import command
 
 ROUNDS = 11
 FAST, SLOW = 5000, 40
 """Samples a round of what takes about a microsecond, and hundreds of them."""
-BLOCK = 250
 
 Timed = Callable[[], float]
 """Seconds for a round of its samples."""
@@ -60,11 +60,12 @@ def measured(say: Say) -> list[Row]:
 
 
 def _measured(case: Case) -> Iterator[Row]:
-    ours = case.runner(BLOCK)
+    ours = case.runner(FAST)
     peers: dict[str, Callable[[int], float]] = {}
     slow = {}
     if not case.effects and command():
         peers["C step"] = HandWritten(case).seconds
+        peers["C step, same rounding"] = HandWritten(case, SAME_ROUNDING).seconds
     if case.against_slow:
         slow["filterpy with NumPy"] = filterpy_with_numpy(case)
         slow["NumPy"] = Oracle(case).seconds
@@ -81,7 +82,7 @@ def _measured(case: Case) -> Iterator[Row]:
         if round_:  # the first warms up
             for name, value in found.items():
                 times[name].append(value)
-    yield from _rows(f"{case.name}, block of {BLOCK}", times["block"], {name: times[name] for name in (*peers, *slow)})
+    yield from _rows(f"{case.name}, block of {FAST}", times["block"], {name: times[name] for name in (*peers, *slow)})
     per_sample = {"block": times["block"]}
     yield from _rows(f"{case.name}, single sample", times["single"], per_sample)
     yield from _rows(f"{case.name}, sample of a closed loop", times["tick"], per_sample)

@@ -11,25 +11,32 @@ import numpy as np
 
 from benchmarks.speed.cases import CONTROL, DEVICE, Case
 from estimator.core.compiler import command
+from estimator.core.library import PATH
 from estimator.core.taylor import taylor_order
+from estimator.core.variant import VARIANTS, options
 from estimator.oracle.filterpy_observer import FilterpyObserver
 from estimator.oracle.numpy_observer import NumpyObserver
 from estimator.scaling import Array
 
-_FLAGS = ("-O3", "-march=native", "-std=gnu11", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror")
+_FLAGS = ("-O3", "-std=gnu11", "-shared", "-fPIC", "-Wall", "-Wextra", "-Werror")
+NATIVE: tuple[str, ...] = ("-march=native",)
+SAME_ROUNDING: tuple[str, ...] = (*options(VARIANTS.get(PATH.name, ())), "-ffp-contract=off")
+"""As the product's library is compiled: for the same instruction set, no product fused with a sum."""
 _CONSTANTS, _DOUBLE = 9, ctypes.c_double
 
 
 class HandWritten:
-    """The step in step.c for a case without effects, compiled for the constants that it estimates."""
+    """The step in step.c for a case without effects, compiled for the constants that it estimates, and as `flags` say:
+    for this very processor, or so that it rounds as the product does.
+    """
 
-    def __init__(self, case: Case) -> None:
+    def __init__(self, case: Case, flags: tuple[str, ...] = NATIVE) -> None:
         observer = case.observer()
         n, active = len(observer.estimated), observer.active
         with tempfile.TemporaryDirectory() as place:
             target, source = Path(place) / "step.so", Path(__file__).with_name("step.c")
             listed = [f"-DK={len(active)}", f"-DACTIVE={','.join(map(str, active))}"]
-            subprocess.run([*command(), *_FLAGS, *listed, source, "-o", target, "-lm"], check=True)
+            subprocess.run([*command(), *_FLAGS, *flags, *listed, source, "-o", target, "-lm"], check=True)
             self._run = ctypes.CDLL(str(target)).run
         arrays, record = observer.arrays, observer.arrays.settings[0]
         self._filter = f = _filter_of(n)()

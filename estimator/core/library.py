@@ -10,19 +10,19 @@ from pathlib import Path
 from estimator.core.layout import MEMORY, OUTPUT, SETTINGS, TRIMS
 from estimator.core.variant import best, processor_flags
 
-_PATH = best(Path(__file__).parent, processor_flags())
+PATH = best(Path(__file__).parent, processor_flags())
 
 
 def _load() -> ctypes.CDLL:
     try:
-        library = ctypes.CDLL(str(_PATH))
+        library = ctypes.CDLL(str(PATH))
     except OSError as error:
-        raise ImportError(f"{_PATH}: {error}; build it with `make install` or `python compile_native.py`") from error
+        raise ImportError(f"{PATH}: {error}; build it with `make install` or `python compile_native.py`") from error
     sizes = (ctypes.c_int64 * 4)()
     library.gyro_row_sizes(sizes)
     ours = [SETTINGS.itemsize, MEMORY.itemsize, OUTPUT.itemsize, TRIMS.itemsize]
     if list(sizes) != ours:
-        raise ImportError(f"{_PATH}: rows of {list(sizes)} bytes, expected {ours}; build it with `make install`")
+        raise ImportError(f"{PATH}: rows of {list(sizes)} bytes, expected {ours}; build it with `make install`")
     library.gyro_observe_block.restype = ctypes.c_int64
     return library
 

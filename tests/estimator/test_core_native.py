@@ -59,7 +59,7 @@ for axes in (2, 1):
             found = np.concatenate([observer.x, observer.covariances[0].ravel()])
             assert np.isfinite(found).all(), effects
             digest.update(found.tobytes())
-print(library._PATH.name, digest.hexdigest())
+print(library.PATH.name, digest.hexdigest())
 """
 
 
