@@ -46,6 +46,7 @@ BENCHMARKS = {
     "laboratory": "emulated records as laboratories have them: velocity, g, µstrain, moving bases, filters, pools",
     "repeats": "coefficients from repeats: the share of 95 % intervals that agree; a quarter of an hour",
     "catalogue": "a catalogue of 10^5 runs: read from the folders, listed, filtered, sorted, compared",
+    "day": "the data sheet of a day at 1 kHz, six axes; DAY_S=N for another length",
     "series": "windows of a long record: opened, zoomed, memory; SERIES_ROWS=N for another length",
     "stream_parts": "what a streamed row costs the host, part by part",
     "campaigns": "a campaign killed ten times and gone on with; by 1, 2, 4 workers; on a Dask cluster: what it costs",

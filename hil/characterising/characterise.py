@@ -2,6 +2,7 @@
 
 import datetime
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +10,7 @@ import numpy as np
 
 from estimator.characteristics.scale_factor import Line
 from estimator.characteristics.stretches import HARMONICS
-from estimator.side_by_side import one_blas_thread
+from estimator.side_by_side import one_blas_thread, side_by_side
 from hil.bench.angle_map import Calibrated, Harmonics, write_angle_map
 from hil.bench.data_sheet import AT_LEAST, FIGURES, SheetFigure
 from hil.characterising.figures import AT_REST, AxisFigures, figures_of
@@ -69,10 +70,9 @@ def _told(request: CharacteriseRequest, progress: Watcher) -> tuple[list[AxisFig
             f"{request.records[other]}: has {', '.join(names[other])}, and {request.records[0]} has "
             f"{', '.join(names[0])}; characterise records of one device"
         )
-    told = []
-    for number, name in enumerate(names[0]):
-        progress(Progress(f"axis {name}", number, len(names[0])))
-        told.append(figures_of([one[number] for one in records]))
+    count = len(names[0])
+    axes = [partial(figures_of, [one[number] for one in records]) for number in range(count)]
+    told = side_by_side(axes, lambda finished: progress(Progress("axes", finished, count)))
     return told, sum(one[0].span / one[0].rate_Hz for one in records)
 
 

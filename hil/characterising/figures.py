@@ -14,6 +14,7 @@ from estimator.characteristics.scale_factor import Line, line
 from estimator.characteristics.small_rates import small_rates
 from estimator.characteristics.start_up import start_up
 from estimator.characteristics.stretches import HARMONICS, Gathered, Stretches, joined, pattern_columns
+from estimator.side_by_side import stop_if_abandoned
 from hil.characterising.source import Axis, Block
 
 Floats = npt.NDArray[np.float64]
@@ -128,6 +129,7 @@ def _columns(block: Block, rate_Hz: float) -> list[Floats]:
 
 def _settled(record: Axis) -> Iterator[Block]:
     for block in record.blocks():
+        stop_if_abandoned()
         late = block.tick >= record.settled_from
         if late.all():
             yield block

@@ -91,6 +91,8 @@ def _by_group(protocol: Protocol) -> Finder:
                 return None
             texts = [one for group, mask in bits for bit, one in enumerate(group) if mask >> bit & 1]
             fields = tuple(one for each in texts for one in each)
+            if not any(one.name.startswith("rate_") for one in fields):  # the one that is sent is the rate
+                fields = tuple(one._replace(name=one.name.replace("raw_rate", "rate")) for one in fields)
             if len(known) > 1000:  # of noise
                 known.clear()
             known[head] = _binary(protocol, len(head), fields)

@@ -140,7 +140,7 @@ class Stream:
             if (now - came > SILENCE_S or now - begin > 5 * SILENCE_S) and not self.sample_rate_Hz:
                 heard = self._silence(self._adapter.crc_errors)
                 raise LinkError(f"{link}: {heard} in {SILENCE_S:g} s; check supply, wiring and ?baud=")
-        if not any(column.unit == "rad/s" for column in self._adapter.channels):
+        if not any(one.name.startswith("rate_") and one.unit == "rad/s" for one in self._adapter.channels):
             sent = ", ".join(column.name.removesuffix("_code") for column in self._adapter.channels)
             raise LinkError(
                 f"{link}: {self._adapter.title} sends {sent or 'nothing'}, but no angular rate; set it up to send one"

@@ -3,6 +3,7 @@
 import contextlib
 import math
 import random
+import struct
 import threading
 import time
 from collections.abc import Iterator
@@ -14,7 +15,7 @@ import numpy as np
 import pytest
 
 import hil
-from device_emulator.gyros import GYROS, Gyro, Motion, _Line, stim, stream
+from device_emulator.gyros import GYROS, Gyro, Motion, _ccitt, _Line, stim, stream
 from hil import cli
 from hil.errors import InputError
 from hil.records.capture import read_capture
@@ -50,6 +51,15 @@ def test_golden_frames(name: str, frame: str | bytes, meant: dict[str, float], s
         said |= {"counter": sample.counter, "status": sample.status}
         assert {key: said[key] for key in meant} == pytest.approx(meant, rel=1e-6, abs=5e-7), source
         assert made.crc_errors == 0
+
+
+def test_a_vn100_that_sends_the_uncompensated_rate_alone_sends_a_rate() -> None:
+    """As in the loggers of waves in ice: group 3 with uncompensated field, acceleration and rate."""
+    body = struct.pack("<BH9f", 0b100, 0b1110, *range(9))
+    made = decoder("vn100")
+    (sample,) = made.feed(b"\xfa" + body + struct.pack(">H", _ccitt(body)))
+    said = {column.name: value for column, value in zip(made.channels, sample.codes, strict=True)}
+    assert [said[f"rate_{axis}_code"] for axis in "xyz"] == [6.0, 7.0, 8.0]
 
 
 def frames(name: str, samples: int, **harm: float) -> list[can.Message]:
