@@ -1,8 +1,8 @@
 """The data sheet of a day: six axes at 1 kHz, as a user asks for it, `hil characterise FILE`, page included.
 
-The record is made first, of 24-bit counts as a STIM300 sends them: white noise, a bias that walks, an axis with a gap. Of
-the verb's process: wall, processor time, and the most memory it held. DAY_S is another length in seconds, DAY_DIR where
-(a day takes 5 GB of disk). The command line and not the estimator alone: reading, the fit and the page are in it.
+The record is made first, of 24-bit counts as a STIM300 sends them: white noise, a bias that walks, one sample missing.
+Of the verb's process: wall, processor time, and the most memory it held. DAY_S is another length in seconds, DAY_DIR
+where (a day takes 5 GB of disk). It is the command line and not the estimator alone: reading, fit and page are in it.
 """
 
 import json
