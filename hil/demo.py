@@ -20,7 +20,7 @@ LOOP = {"duration_s": 12.0, "settle_s": 4.0}
 GAIN_MODE_EXAMPLE = "s-modern-5k"
 
 
-class Claim(NamedTuple):
+class UnderTest(NamedTuple):
     """What a demonstration is to show, and whether it did."""
 
     words: str
@@ -44,7 +44,7 @@ class Circle(NamedTuple):
         return self.after or self.before
 
     @property
-    def claims(self) -> tuple[Claim, ...]:
+    def under_test(self) -> tuple[UnderTest, ...]:
         """Of the whole circle."""
         from hil.records.diagnosis import load_diagnosis
 
@@ -55,9 +55,9 @@ class Circle(NamedTuple):
         errors = [result.angle_error_rms_rad for result in runs]
         return (
             _safe(*runs),
-            Claim(f"the trace explains the residual: {', '.join(names) or 'nothing found'}", explained),
-            Claim(_before_and_after(errors), _smaller(errors) and _good(runs[-1], "angle")),
-            Claim("with it the model is complete", explained and _complete(runs[-1])),
+            UnderTest(f"the trace explains the residual: {', '.join(names) or 'nothing found'}", explained),
+            UnderTest(_before_and_after(errors), _smaller(errors) and _good(runs[-1], "angle")),
+            UnderTest("with it the model is complete", explained and _complete(runs[-1])),
         )
 
 
@@ -68,14 +68,16 @@ class Single(NamedTuple):
     told: tuple[str, ...]
 
     @property
-    def claims(self) -> tuple[Claim, ...]:
+    def under_test(self) -> tuple[UnderTest, ...]:
         """Of the run."""
         result = load_result(RunFolder(self.last).result_path)
         error = result.angle_error_rms_rad
         return (
             _safe(result),
-            Claim(f"angle error {_angle(error)}, within its uncertainty", error is not None and _good(result, "angle")),
-            Claim("the model is complete", _complete(result)),
+            UnderTest(
+                f"angle error {_angle(error)}, within its uncertainty", error is not None and _good(result, "angle")
+            ),
+            UnderTest("the model is complete", _complete(result)),
         )
 
 
@@ -219,9 +221,9 @@ def _score(run: Path, truth: Path, progress: Watcher) -> None:
         raise
 
 
-def _safe(*results: Result) -> Claim:
+def _safe(*results: Result) -> UnderTest:
     boards = "the board" if len(results) == 1 else "both boards"
-    return Claim(f"{boards} confirmed SAFE", all(_good(result, "safety") for result in results))
+    return UnderTest(f"{boards} confirmed SAFE", all(_good(result, "safety") for result in results))
 
 
 def _good(result: Result, part: Any) -> bool:

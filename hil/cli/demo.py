@@ -47,7 +47,7 @@ def demo(
     """
     from hil import demo as showcase
     from hil.cli.progress import watching
-    from hil.cli.show import finish, print_before_and_after, print_claims
+    from hil.cli.show import finish, print_before_and_after, print_under_test
 
     called = name or "demo"
     shown: showcase.Circle | showcase.Single
@@ -59,5 +59,5 @@ def demo(
     if not json:
         if isinstance(shown, showcase.Circle):
             print_before_and_after(shown)
-        print_claims(shown)
-    finish(shown.last, as_json=json, good=all(claim.held for claim in shown.claims))
+        print_under_test(shown)
+    finish(shown.last, as_json=json, good=all(one.held for one in shown.under_test))

@@ -87,15 +87,15 @@ def finish_attitude(folder: Path, *, as_json: bool) -> NoReturn:
     raise typer.Exit(ExitCode.GOOD if result.verdict == "good" else ExitCode.AGAINST)
 
 
-def print_claims(shown: "Circle | Single") -> None:
+def print_under_test(shown: "Circle | Single") -> None:
     """What an emulated board was started with and why, and what the demonstration was to show."""
     paper = Paper()
     for words in shown.told:
         paper.say(f"machine    {words}")
-    for claim in shown.claims:
-        style, word = ("green", "shown") if claim.held else ("red", "not shown")
+    for one in shown.under_test:
+        style, word = ("green", "shown") if one.held else ("red", "not shown")
         paper.say(f"{word:<11}", style=style, end="")
-        paper.say(claim.words)
+        paper.say(one.words)
     paper.say()
 
 

@@ -74,7 +74,7 @@ def compare(
 
     truth: file that the emulated board of the record wrote, without which the record's own rate channel is the
     reference, or the sold gyro beside the run, if it has one.  link: an emulated board on which methods that close the
-    loop themselves do so.  diagnosis: what a trace found on the record, to be carried by the 13 states.  Raises
+    loop themselves do so.  diagnosis: what a trace found on the record, to be included in the 13 states.  Raises
     InputError for a record that does not belong to the bench file or cannot be compared; nothing is left then.
     """
     require_usable(bench, "compare")
@@ -223,7 +223,7 @@ def _on_record(
             traced = override(with_observer(bench, "full", bench.observer.gain), {"effects": effects}, "the trace")
             found.append((name, partial(course_of, subject, traced, name, "traced")))
         else:
-            remarks.append(f"trace: {diagnosis.verdict}, so there is no effect to carry")
+            remarks.append(f"trace: {diagnosis.verdict}, so there is no effect to include")
     return [*found, *prior_art.methods(subject)]
 
 

@@ -12,7 +12,7 @@ from hil.bench import Bench
 from hil.bench.device import DriveUnit
 from hil.errors import InputError
 from hil.inputs.formula import formula_of
-from hil.inputs.own_effects import carried, own_effects
+from hil.inputs.own_effects import included, own_effects
 from hil.wire.messages import Identity
 from hil.wire.spec import SPEC
 
@@ -106,7 +106,7 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
         initial |= {name: value / unit for name, value in zip(names, values or (), strict=False)}
     drive_noise = bench.device.drive.noise_mps2_per_rtHz
     return settings.ObserverSettings(
-        effects=carried(bench),
+        effects=included(bench),
         reference=bench.loop.settle_s,
         open_loop=bench.device.axes == 2 and formula_of(bench).kind != "pattern",
         variant=settings.Variant(observer.variant),

@@ -83,8 +83,8 @@ def own_effects(bench: Bench, device: Device) -> "tuple[Effect, ...]":
     return tuple(taken.effects)
 
 
-def carried(bench: Bench) -> dict[str, dict[str, float]]:
-    """The effects that the observer of `bench` is to carry, with initial values: those named, and those declared."""
+def included(bench: Bench) -> dict[str, dict[str, float]]:
+    """The effects that the observer of `bench` includes, with initial values: those named, and those declared."""
     sensed = bench.device.sense.interface.map(bench.device.axes, math.sqrt(bench.target_stiffness_per_s2))
     interface = {} if (map_ := declared_map(sensed)) is None else {map_.name: map_.start}
     known = {name: one.declared(name).start for name, one in bench.effects.custom.items()}

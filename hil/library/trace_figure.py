@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 def trace_figure(diagnosis: Diagnosis) -> "Figure":
     """Left: innovation over its floor, held out, before and after.  Right: evidence, named effects first, then
-    what was carried beside them, then what a scan promises of the others."""
+    other fitted candidates, then what a score test predicts for the rest."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 3.2), layout="constrained")

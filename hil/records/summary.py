@@ -91,7 +91,7 @@ def parameters(
     estimates: Estimates, *, mass_kg: float | None = None, truth: Truth | None = None, effects: Collection[str] = ()
 ) -> dict[str, Constant]:
     """Constants and offsets at the last estimate, with value ± 1.96 standard deviations where the observer gives them;
-    `effects`: those carried.
+    `effects`: those in the model.
 
     An estimate that diverged (not finite) is left out. Per unit mass, or with `mass_kg` in N/m and N·s/m.
     The truth of an offset is its value at the last common instant, since offsets may drift.

@@ -53,7 +53,7 @@ def render(
 
     line = headline(material.result)
     sections = [
-        markup.section("closing", "What the residual told", _told(material), drawn["closing_figure"]),
+        markup.section("closing", "What the residual shows", _told(material), drawn["closing_figure"]),
         markup.section("angle", "Angle", drawn["angle_figure"], uncertainty.section(material), tables.angle(material)),
         markup.section("rate", "Rate", drawn["rate_figure"]),
         markup.section("on-the-board", "On the board", tables.on_board(material)),

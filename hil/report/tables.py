@@ -97,7 +97,7 @@ def parameters(material: Material) -> str:
 
 
 def coverage(material: Material) -> str:
-    """How often the claimed intervals held the truth."""
+    """How often the stated intervals held the truth."""
     score = material.result.score
     if score is None or not score.coverage:
         return ""

@@ -63,7 +63,7 @@ def after_trace(
 
 def after_comparison(folder: Path, methods: Methods, *, record: Path | None = None) -> str:
     """The command after the comparison in `folder`: what the model lacks, or the bench file that declares what was
-    carried already.  record: as of `after_trace`.
+    included already.  record: as of `after_trace`.
     """
     again = _traced(_place(folder, methods.record, record), folder / "bench.toml")
     return f"{again} --add {_ADDED}" if any(row.kind == "traced" for row in methods.rows) else again

@@ -129,7 +129,7 @@ def test_demo_goes_the_whole_circle_in_real_time(start: Start, tmp_path: Path) -
     before = json.loads((folders["-before"] / "result.json").read_text(encoding="utf-8"))
     assert result["angle_error_rms_rad"] < before["angle_error_rms_rad"] / 5.0
     page = (folders[""] / "report.html").read_text(encoding="utf-8")
-    assert "What the residual told" in page
+    assert "What the residual shows" in page
     assert "Angle error before and after" in page
     assert not list((tmp_path / "runs").rglob("truth*"))
 

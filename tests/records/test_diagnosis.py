@@ -196,7 +196,8 @@ def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
     assert not re.search(r'(?:src|href)="(?!#)', page)
     assert "<script" not in page
     for words in (
-        "Explained.", "the residual falls from 3.00 to 1.00 × the noise floor", "cannot be told from sense cubic",
+        "Explained.", "the residual falls from 3.00 to 1.00 × the noise floor",
+        "cannot be distinguished from sense cubic",
         "<i>k</i><sub>3x</sub>", "held out, before", "step the amplitude", "|gy| &lt; 0.0020",
         "explains &lt;nothing&gt;",
         "ride &lt;1&gt;", "Residual over time", "Spectrum of the residual",

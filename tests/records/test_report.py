@@ -401,7 +401,7 @@ def test_a_run_with_what_was_found_stands_beside_the_run_before(make_run, tmp_pa
     save_result(folder / "result.json", result.model_copy(update={"diagnosis": found}))
     page = write_report(folder, truth, earlier=(earlier, truth)).read_text(encoding="utf-8")
     assert figures(page)[0] == "Angle error before and after"
-    assert "What the residual told" in page
+    assert "What the residual shows" in page
     assert "The model lacks: cubic stiffness of each axis" in page
     assert f"{result.angle_error_rms_rad * 1e3:.3g}" in page
     assert TOO_SLOW[1:] not in page

@@ -148,7 +148,7 @@ def test_a_bias_that_wanders_is_told(page: Make) -> None:
     )
     assert found is not None
     assert float(found[1]) == pytest.approx(45.0, rel=0.15)
-    assert "axis y, the largest that is told" in said
+    assert "axis y, the largest that is determined" in said
     assert "y bias instability" in said
 
 

@@ -1,4 +1,4 @@
-"""How much each candidate explains: what those gained that were carried, beside what a scan promises of the others."""
+"""How much each candidate explains: the gain of those that were fitted, beside the predicted gain of the others."""
 
 import math
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -60,13 +60,13 @@ def evidence_figure(material: Material) -> Drawing | None:
 def bars_of(found: traced.Diagnosis | written.Diagnosis) -> list[Bar]:
     """By group, in each the largest first, as many as a figure holds; named ones as they were taken."""
     named = [Bar(effect.name, effect.evidence, _NAMED) for effect in found.effects if effect.evidence is not None]
-    carried = [Bar(one.name, one.gain, _FITTED) for one in found.rejected if one.gain is not None]
-    promised = [
+    fitted = [Bar(one.name, one.gain, _FITTED) for one in found.rejected if one.gain is not None]
+    predicted = [
         Bar(one.name, one.evidence, _UNFITTED)
         for one in found.rejected
         if one.gain is None and one.evidence is not None
     ]
-    largest = [sorted(group, key=lambda bar: -bar.size) for group in (carried, promised)]
+    largest = [sorted(group, key=lambda bar: -bar.size) for group in (fitted, predicted)]
     return [bar for group in (named, *largest) for bar in group if math.isfinite(bar.size)][:_MOST]
 
 

@@ -188,7 +188,9 @@ def headline(diagnosis: Diagnosis) -> str:
         said += f", {significant(100.0 * diagnosis.share)} % of its power above the floor"
     if diagnosis.separations:
         others = sorted({pair.with_.replace("_", " ") for pair in diagnosis.separations})
-        said += f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be told from {with_and(others)}"
+        said += (
+            f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be distinguished from {with_and(others)}"
+        )
     return said
 
 

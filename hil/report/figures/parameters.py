@@ -1,5 +1,4 @@
-"""Convergence of every constant: deviation from its truth or declared value, in the band the observer
-claims."""
+"""Convergence of every constant: deviation from its truth or declared value, in the band of the observer."""
 
 import math
 from typing import TYPE_CHECKING, NamedTuple

@@ -24,7 +24,7 @@ _ERROR, _HALF, _INSIDE, _TRUE = range(4)
 
 
 def rate_figure(material: Material) -> Drawing | None:
-    """Estimated rate beside its reference; below, their difference in the band the observer claims."""
+    """Estimated rate beside its reference; below, their difference in the band that the observer states."""
     estimates, reference = material.estimates, material.reference
     if estimates is None or "rate_rad_s" not in estimates:
         return None
@@ -60,14 +60,14 @@ def _series(part: Estimates) -> list[Floats]:
 
 
 def _errors(part: Compared) -> list[Floats]:
-    """Error, half of the claimed band, whether the one is within the other, and the reference, in rad/s (n,)."""
+    """Error, half of the stated band, whether the one is within the other, and the reference, in rad/s (n,)."""
     error = part.estimated("rate_rad_s") - part.rate_rad_s
     half = SD_95 * part.estimated("sd_rate_rad_s")
     return [error, half, (np.abs(error) <= half).astype(float), part.rate_rad_s]
 
 
 def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: PixelSeries) -> str:
-    """The error in rad/s, and its claimed half width; returns the caption."""
+    """The error in rad/s, and its stated half width; returns the caption."""
     held = beside.held
 
     def sizes() -> Iterator[Floats]:
@@ -80,7 +80,7 @@ def _draw_error(ax: "Axes", material: Material, reference: Reference, beside: Pi
     usual = float(np.quantile(size, 0.99)) if size.size else held.size(_ERROR)
     largest, reach = held.size(_ERROR), float(np.fmax(_STEP * usual, held.high[_HALF]))
     factor, prefix = prefix_for(min(largest, reach), 0)
-    for sign, label in ((-1, ""), (1, "claimed 95 % band")):
+    for sign, label in ((-1, ""), (1, "stated 95 % band")):
         edge = beside.line(_HALF, sign * factor)
         ax.plot(*edge, color=INK, linewidth=0.8, dashes=(4, 3), label=label)
     trace(ax, beside, _ERROR, FIRST, "estimate", factor)

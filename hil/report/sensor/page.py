@@ -97,7 +97,7 @@ def _key_figures(material: SensorMaterial) -> list[tuple[str, str, str]]:
     if told:
         axis = max(told, key=lambda name: told[name].value)
         value = f"{significant(told[axis].value * words.PER_HOUR, 2)}\u00a0°/h"
-        entries.append(("Bias instability", value, f"axis {axis}, the largest that is told"))
+        entries.append(("Bias instability", value, f"axis {axis}, the largest that is determined"))
     elif any(found.bias_bound_rad_s is not None for found in material.noise.values()):
         bound = max(found.bias_bound_rad_s or 0.0 for found in material.noise.values()) * words.PER_HOUR
         entries.append(("Bias instability", "too short", f"to tell; below {significant(bound, 2)}\u00a0°/h"))

@@ -67,10 +67,10 @@ def exit_code(monkeypatch: pytest.MonkeyPatch, shown: demo.Circle) -> int:
     return cli.execute(["demo"])
 
 
-def test_late_answers_are_told_and_are_no_claim(
+def test_late_answers_are_told_and_are_not_under_test(
     circle: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Error 126 → 1.2 mrad with 6.6 % late: everything claimed was shown; the verdict of the run stays what it is."""
+    """Error 126 → 1.2 mrad with 6.6 % late: each result under test was shown; the verdict of the run stays as it is."""
     late = {"late": 66, "machine": LATE}
     assert exit_code(monkeypatch, circle(before=late, after=late)) == 0
     told = capsys.readouterr().out
@@ -92,7 +92,7 @@ def test_late_answers_are_told_and_are_no_claim(
         ({"after": {"model": Part(outcome="lacks", reason="drive gain")}}, "the model is complete"),
     ],
 )
-def test_each_claim_can_fail(
+def test_each_result_under_test_can_fail(
     circle: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], changed: Any, words: str
 ) -> None:
     assert exit_code(monkeypatch, circle(**changed)) == 1
