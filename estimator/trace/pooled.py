@@ -133,7 +133,8 @@ class Pooled(Filtered):
             alone, Model(of_records(model.effects), chart @ model.theta, model.noise),
             derivatives=by_constants, tested=of_records(tested),
         )  # fmt: skip
-        rows, own = len(seen.names), len(alone.names) if by_constants else 0
+        # A pass that was made already may have the derivatives that nobody asks for.
+        rows, own = len(seen.names), len(alone.names) if seen.names[: len(alone.names)] == alone.names else 0
         names: list[str] = []
         columns: list[Array] = []
         if derivatives:
