@@ -7,7 +7,7 @@ import numpy as np
 
 from estimator.chance import TWO_SIDED
 from estimator.scaling import Array
-from estimator.trace.fit import FittedModel
+from estimator.trace.fit import FittedModel, beside
 
 
 def undetermined(fitted: FittedModel) -> tuple[str, ...]:
@@ -34,12 +34,8 @@ def _of_the_record(fitted: FittedModel, places: list[int]) -> Array:
     """Information of the record by itself on these parameters, whatever the others are, in units of their priors."""
     rest = [k for k in range(len(fitted.layout.names)) if k not in places]
     information = fitted.evaluation.information.sum(axis=0) / fitted.evaluation.scale
-    own, cross = information[np.ix_(places, places)], information[np.ix_(places, rest)]
-    others = information[np.ix_(rest, rest)]
-    scale = np.sqrt(np.maximum(np.diagonal(others), np.finfo(float).tiny))
-    inverse = np.linalg.pinv(others / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)
     size = fitted.layout.deviation[places]
-    return np.asarray((own - cross @ inverse @ cross.T) * np.outer(size, size))
+    return beside(information, places, rest)[0] * np.outer(size, size)
 
 
 def _together(fitted: FittedModel, places: list[int]) -> str | None:

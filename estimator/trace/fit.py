@@ -25,11 +25,17 @@ AS_EXPECTED = 0.25
 
 def beside(information: Array, own: list[int], others: list[int], prior: Array | None = None) -> tuple[Array, Array]:
     """Information (o, o) of parameters `own` where `others` are free, and by how much (m, o) those give way to one of
-    each: the Schur complement.  prior (m,): deviations of the others that `information` does not have.
+    each: the Schur complement.  prior (m,): deviations of the others that `information` does not have; without, of what
+    it says nothing of nothing gives way.
     """
-    free = information[np.ix_(others, others)]
-    taken = np.linalg.solve(free if prior is None else free + np.diag(prior**-2.0), information[np.ix_(others, own)])
-    return np.asarray(information[np.ix_(own, own)] - information[np.ix_(own, others)] @ taken), np.asarray(taken)
+    free, cross = information[np.ix_(others, others)], information[np.ix_(others, own)]
+    if prior is None:
+        size = np.sqrt(np.maximum(np.diagonal(free), np.finfo(float).tiny))
+        inverse = np.linalg.pinv(free / np.outer(size, size), hermitian=True) / np.outer(size, size)
+        taken: Array = np.asarray(inverse @ cross)
+    else:
+        taken = np.asarray(np.linalg.solve(free + np.diag(prior**-2.0), cross))
+    return np.asarray(information[np.ix_(own, own)] - cross.T @ taken), taken
 
 
 @dataclass(frozen=True)

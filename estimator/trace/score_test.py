@@ -13,7 +13,7 @@ import numpy as np
 from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.fit import FittedModel
+from estimator.trace.fit import FittedModel, beside
 from estimator.trace.likelihood import Evaluation, Likelihood, Noise
 from estimator.trace.problem import Effects
 
@@ -108,7 +108,7 @@ def projected(information: Array, score: Array, deviation: Array) -> tuple[Array
     deviations, projected out.
     """
     own, whole = len(deviation), information.sum(axis=0)
-    taken = np.linalg.solve(whole[:own, :own] + np.diag(deviation**-2.0), whole[:own, own:])
+    _, taken = beside(whole, list(range(own, len(whole))), list(range(own)), deviation)
     left = np.vstack([-taken, np.eye(len(whole) - own)])
     return np.einsum("ka,bkl,lc->bac", left, information, left, optimize=True), score @ left
 

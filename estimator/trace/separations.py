@@ -17,7 +17,7 @@ from estimator.trace.ambiguity import TIE, Member
 from estimator.trace.checks import covariance
 from estimator.trace.experiments import EXPERIMENTS, SETTLED, Experiment, in_words, loop_record, turn_for
 from estimator.trace.filtered import Filtered
-from estimator.trace.fit import FittedModel
+from estimator.trace.fit import FittedModel, beside
 from estimator.trace.likelihood import BLOCKS, Model
 from estimator.trace.problem import Effects, Problem, Progress
 from estimator.trace.score_test import projected
@@ -109,9 +109,7 @@ def _shown(of: Filtered, model: FittedModel, name: str, members: list[Member]) -
     total = whole[np.ix_(rows, rows)]
     shown = {}
     for member in members:
-        others = columns[member.name]
-        cross = whole[np.ix_(others, rows)]
-        form = total - cross.T @ np.linalg.pinv(whole[np.ix_(others, others)], hermitian=True) @ cross
+        form, _ = beside(whole, rows, columns[member.name])
         shown[member.name] = Shown(float(size @ total @ size), float(size @ form @ size), form)
     return {other: one for other, one in shown.items() if one.size > 0.0}
 
