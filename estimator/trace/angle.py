@@ -4,6 +4,7 @@ A coefficient is known within its interval only, and of two effects that a recor
 one.  The bench's own observer reads the record once for each such possibility; how far its angle moves is the bound.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import partial
 
@@ -13,6 +14,7 @@ from estimator.chance import TWO_SIDED
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side, together
+from estimator.trace.examination import Examination, Figures
 from estimator.trace.observed import run
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import settled_from
@@ -25,17 +27,30 @@ class AngleReader:
     problem: Problem
     _known: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
+    @classmethod
+    def of(cls, problem: Problem, samples: int, seen: Iterable[Figures]) -> "AngleReader":
+        """A reader of the first samples, which does not read again what examinations of the record read already."""
+        reader = cls(problem.part(slice(0, samples)))
+        bare = problem.carrying({})
+        for one in seen:
+            if isinstance(one, Examination) and one.problem.record is problem.record:
+                other = one.problem.carrying({})
+                if (other.settings, other.controller) == (bare.settings, bare.controller):
+                    reader._keep(one.problem.effects, one.estimates.angle[:samples])
+        return reader
+
+    def _keep(self, effects: Effects, read: Array) -> None:
+        start = settled_from(self.problem.settings, self.problem.device, len(read))
+        self._known[repr(effects)] = np.asarray(read[start:])
+
     def angle(self, effects: Effects) -> Array:
         """Angle [rad] of each sample once the start is over."""
         problem = self.problem.carrying(effects)
-        asked = repr(problem.effects)
-        if asked not in self._known:
+        if repr(problem.effects) not in self._known:
             observer = Observer(problem.device, problem.settings, problem.controller)
             observer.hold_coefficients()
-            read = run(observer, problem.record).angle
-            start = settled_from(problem.settings, problem.device, len(read))
-            self._known[asked] = np.asarray(read[start:])
-        return self._known[asked]
+            self._keep(problem.effects, run(observer, problem.record).angle)
+        return self._known[repr(problem.effects)]
 
     def moved(self, effects: Effects, others: Effects) -> float:
         """How far in rad, at most, the angle moves when the others are carried in place of these."""

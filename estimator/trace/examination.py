@@ -34,10 +34,13 @@ class Figures:
 
 @dataclass(frozen=True)
 class Examination(Figures):
-    """... with the estimates behind (n samples), and the rows of the first part once the observer has settled."""
+    """... with the estimates behind (n samples), the rows of the first part once the observer has settled, and what was
+    examined.
+    """
 
     estimates: Estimates
     settled: slice
+    problem: Problem
 
 
 def examine(problem: Problem, split: int) -> Examination:
@@ -73,6 +76,7 @@ def examine(problem: Problem, split: int) -> Examination:
         replace(first, innovation=estimates.innovation),
         estimates,
         begin,
+        problem,
     )
 
 

@@ -206,6 +206,7 @@ class Pooled(Filtered):
             end_to_end([one.residual.innovation for one in each]),
             each[0].estimates,
             each[0].settled,
+            each[0].problem,
         )
 
     def _examined(self, part: Part, constants: Mapping[str, float], effects: Effects) -> Examination:

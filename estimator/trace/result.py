@@ -91,7 +91,7 @@ def diagnosis(
 ) -> Diagnosis:  # fmt: skip
     """What a trace of a motion answers; dependences: of several records, what goes with their covariate."""
     evidence, model = judged.evidence, judged.evidence.model
-    reader = AngleReader(problem.part(slice(0, min(split, READ))))
+    reader = AngleReader.of(problem, min(split, READ), figures)
     carried = of_records(effects_of(model))
     named = [name for name in judged.named if name in carried]
     effects = tuple(side_by_side([partial(found_of, name, evidence, carried, reader) for name in named]))

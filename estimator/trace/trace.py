@@ -8,7 +8,7 @@ import numpy as np
 
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.errors import DivergedError
-from estimator.side_by_side import side_by_side
+from estimator.side_by_side import side_by_side, together
 from estimator.trace.checks import CHECKS, Evidence
 from estimator.trace.chosen import REFINED, SEARCHED, Chosen, choose
 from estimator.trace.examination import Examination, examine
@@ -44,13 +44,17 @@ def judged_on(problem: Problem, split: int, progress: Progress = unseen) -> tupl
     observer made of the record before.  Raises ModelError as `trace` does.
     """
     require_traceable(problem.record, problem.device, split)
-    # A record that the bench's observer does not follow at all is refused before anything is searched for.
-    before = examine(problem, split) if problem.device.axes == 2 else None
     whole = likelihood_of(problem, split)
-    chosen = choose(whole.part(slice(0, split)), progress)
-    progress("checks", 0, 1)
-    if before is None or isinstance(whole, FreeRun):
+
+    def chosen_of_it() -> Chosen:
+        return choose(whole.part(slice(0, split)), progress)
+
+    if isinstance(whole, FreeRun):
+        chosen = chosen_of_it()
         before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
+    else:
+        before, chosen = together(lambda: examine(problem, split), chosen_of_it)
+    progress("checks", 0, 1)
     judged = judge(chosen, partial(judged_of, problem, whole, chosen, before, split))
     progress("checks", 1, 1)
     return chosen, judged, before

@@ -32,7 +32,6 @@ from hil.replaying.replay import fitting, require_fit
 from hil.running.run import new_folder
 from hil.tracing.demodulated import trace_streams
 from hil.tracing.envelope import trace_ring_down
-from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor
 from hil.tracing.request import TraceRequest
 from hil.tracing.split import Part, moving, parts_of, sample_of
 from hil.tracing.time_left import TimeLeft
@@ -178,6 +177,8 @@ def _trace_streams(request: TraceRequest, bench: Bench, out: Path, captured: Cap
 
 def _trace_sensor(request: TraceRequest, bench: RateSensorBench, out: Path, progress: Watcher) -> Traced:
     """The same of a rate sensor: its answer is a static curve and a response instead of an innovation."""
+    from hil.tracing.rate_sensor import sensor_remarks, trace_rate_sensor  # loads scipy.signal, which takes a second
+
     capture, source = request.capture, request.source
     assert source is not None  # as the request was checked
     progress(Progress("effects", 0, 0))

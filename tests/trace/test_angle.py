@@ -1,5 +1,6 @@
 """The bound of the angle beside its closed form, and what an examination scores on which part of a record."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,10 +8,12 @@ import pytest
 from scipy.stats import norm
 
 from estimator.diagnosis import Fit
+from estimator.observer import Observer
 from estimator.record import Record
 from estimator.settings import ObserverSettings
 from estimator.trace import angle, examination
 from estimator.trace.angle import AngleReader
+from estimator.trace.examination import Examination
 from estimator.trace.problem import Problem
 from tests.estimator.device import NOMINAL as DEVICE
 
@@ -89,6 +92,28 @@ def test_the_start_of_the_record_is_not_read(monkeypatch):
     assert read == [1]
     assert reader == AngleReader(asked)
     assert "_known" not in repr(reader)
+
+
+def examined(asked: Problem) -> Examination:
+    """What the bench's observer made of a record; nothing else of it is asked for."""
+    observer = Observer(asked.device, asked.settings, asked.controller)
+    observer.hold_coefficients()
+    return Examination(None, None, (), None, angle.run(observer, asked.record, every=1), slice(0, N), asked)  # type: ignore[arg-type]
+
+
+def test_an_angle_that_an_examination_read_is_the_one_that_would_be_read():
+    asked = problem()
+    fresh = AngleReader(asked.part(slice(0, SPLIT)))
+    reader = AngleReader.of(asked, SPLIT, [examined(asked), examined(asked.carrying({}))])
+    assert len(reader._known) == 2
+    for effects in ({}, asked.effects):
+        np.testing.assert_array_equal(reader.angle(effects), fresh.angle(effects))
+
+
+def test_an_examination_by_another_observer_or_of_another_record_says_nothing_of_the_angle():
+    asked = problem()
+    others = asked.under(replace(asked.settings, initial={"kxx": 1.01 * DEVICE.target})), problem()
+    assert not AngleReader.of(asked, SPLIT, map(examined, others))._known
 
 
 def test_what_is_shifted_is_shifted_as_asked():
