@@ -28,7 +28,9 @@ class Fitness:
     moves: float = _set(3.0, "× the declared noise", "A channel below this shows nothing but noise.")
     rest: float = _set(2.0, "cycles", "Eight samples at least, which tell noise from motion; a mass stops within one.")
     lost_share: float = _set(0.5, "share of the samples", "With more lost, the gaps and not the device are fitted.")
-    end_samples: int = _set(20, "samples", "At exactly the end of the scale: fewer repeat a peak by chance.")
+    end_samples: int = _set(
+        20, "samples", "At the end of the scale fewer repeat a peak by chance; before it so many are a parabola."
+    )
     end_excess: float = _set(
         5.0, "× the samples just below the end", "A sine has a few times more samples at its top than beside it."
     )
@@ -36,11 +38,7 @@ class Fitness:
     beyond_end: float = _set(
         2.0, "codes beyond the end", "So far leads the motion before it, where it was cut off and does not stand still."
     )
-    before_stretch: tuple[int, int] = _set(
-        (4, 20), "samples, fewest and most", "A parabola needs three, and holds for a small part of a cycle only."
-    )
     clipped_share: float = _set(1e-3, "share of the samples", "So few move no coefficient by its interval.")
-    samples_a_cycle: float = _set(4.0, "samples", "Below this the third harmonic folds onto the resonance.")
     line_share: float = _set(
         0.1, "share of the power", "A line with less is not what the record is of, and does not ask for a faster one."
     )
@@ -50,24 +48,15 @@ class Fitness:
 class Candidates:
     """What is watched for, and at which frequencies and thresholds."""
 
-    lines: int = _set(5, "lines", "Beyond the strongest few the next round sees them, once those are carried.")
-    line_chance: float = _set(1e-3, "probability", "Watching one line too many costs time only.")
-    periods: float = _set(10.0, "periods in the record", "What comes back less often is a drift and no line.")
-    modes: int = _set(3, "peaks of the coherence", "Others show once the strongest are carried.")
-    damping_ratio: float = _set(0.005, "ζ", "A start for modes of silicon where the response does not tell.")
-    mode_elsewhere: float = _set(
-        5.0, "× the resonance", "What a drive of one frequency tells of a mode is the same wherever that is."
+    strongest: int = _set(
+        3, "lines or peaks", "Beyond the strongest few the next round sees them, once those are carried."
     )
-    damped_elsewhere: float = _set(0.05, "ζ", "It rings for a few cycles only, at whatever frequency that is.")
+    damping_ratio: float = _set(0.005, "ζ", "A start for modes of silicon where the response does not tell.")
     off_resonance: float = _set(
         1e-3, "of the drive's power", "A drive with less elsewhere tells a mode's frequency by nothing."
     )
     least_damping_ratio: float = _set(1e-4, "ζ", "A response that tells less is narrower than its own bins.")
-    most_damping_ratio: float = _set(0.3, "ζ", "A response that tells more has no peak.")
     beside_peak: int = _set(8, "bins to either side", "So many bins of the response belong to the peak of one mode.")
-    rings: int = _set(2, "lines", "Other modes that ring show once the strongest are carried.")
-    ring_bins: int = _set(8, "bins for one of the record", "What dies away within a few cycles has a top of few bins.")
-    ring_apart: float = _set(0.1, "of the resonance", "Nearer to it, or to a multiple of it, is what it leaves itself.")
     saturation: tuple[float, ...] = _set(
         (0.04, 0.12, 0.3, 0.55, 0.75, 0.92), "of the largest drive", "From one to the next, a climb reaches the limit."
     )
@@ -116,7 +105,6 @@ class Floor:
     """The noise that a complete model would leave."""
 
     bins: int = _set(64, "bins", "Fewer tell a floor to no better than a fifth.")
-    away: float = _set(0.125, "resonances", "To stay away from a multiple: modulation and rotation broaden lines.")
     upper: float = _set(4.0, "1 / share of the sampling rate", "The floor is read from the upper half of the spectrum.")
     above: float = _set(1.5, "resonances", "And from above the resonance's own skirts.")
     periodic: float = _set(1e-4, "of the drive's rms", "A period that comes back is the same to this.")
@@ -128,11 +116,11 @@ class Spectrum:
     """Lines of the residual and the floor around them."""
 
     orders: int = _set(5, "multiples of the resonance", "Laws of motion up to the fifth power show there.")
-    sideband: float = _set(1.0 / 8.0, "resonances", "Within it a line counts as a multiple's sideband.")
+    sideband: float = _set(
+        1.0 / 8.0, "resonances", "So near to a multiple a line is what modulation and rotation make of that."
+    )
     floor_bins: int = _set(512, "bins", "The median of so many is sure to 5 %.")
     floor_width: float = _set(0.5, "resonances", "Four bands: what is in one moves the median little.")
-    lobe: int = _set(3, "bins to either side", "A line of a Hann window fills them.")
-    lines: int = _set(24, "lines", "Looked for at most: a comb of more is no list of lines.")
     skirts: float = _set(6.0, "× the floor", "A line's skirts end there.")
 
 

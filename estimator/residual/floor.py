@@ -68,7 +68,7 @@ def quiet_bins(frequency: Array, sample_rate: float, resonance: float) -> NDArra
     """
     away: NDArray[np.bool_] = np.ones(len(frequency), dtype=bool)
     for order in range(ORDERS + 1):
-        away &= np.abs(frequency - folded(order * resonance, sample_rate)) > _SET.away * resonance
+        away &= np.abs(frequency - folded(order * resonance, sample_rate)) > THRESHOLDS.spectrum.sideband * resonance
     upper: NDArray[np.bool_] = away & (frequency > max(sample_rate / _SET.upper, _SET.above * resonance))
     return upper if np.sum(upper) >= _SET.bins else away
 

@@ -17,6 +17,8 @@ _SET = THRESHOLDS.spectrum
 
 ORDERS = _SET.orders  # multiples of the resonance that are looked at, beside 0
 BAND = 1.0 / 16.0  # resonances: half width of what is shown around a multiple
+LOBE = 3  # bins to either side: a line under a Hann window fills them
+_LISTED = 24  # lines at most; candidates are fewer of the strongest
 _CORRELATED = 1.94  # by how much a Hann window's bins correlate: 1 + 2 (4/9 + 1/36)
 
 
@@ -143,7 +145,7 @@ def lines(spectrum: Periodogram, sample_rate: float, resonance: float, level: fl
     axes = spectrum.density.shape[1]
     free = np.ones(len(ordinates), dtype=bool)
     found: list[Line] = []
-    while len(found) < _SET.lines:
+    while len(found) < _LISTED:
         peak = int(np.argmax(np.where(free, ordinates, -1.0)))
         log_p = of_many(_log_tail(float(ordinates[peak]), axes, spectrum.degrees), len(ordinates))
         if not free[peak] or log_p > math.log(level):
@@ -160,13 +162,13 @@ def lines(spectrum: Periodogram, sample_rate: float, resonance: float, level: fl
 
 
 def _apart(frequency: float, found: list[Line], spacing: float) -> bool:
-    return all(abs(frequency - line.frequency) > 2 * _SET.lobe * spacing for line in found)
+    return all(abs(frequency - line.frequency) > 2 * LOBE * spacing for line in found)
 
 
 def _extent(ordinates: Array, peak: int, axes: int) -> tuple[int, int]:
     """Bins of a line: its lobe, and on while its skirts stand clear of the floor."""
     clear = _SET.skirts * axes
-    start, stop = max(peak - _SET.lobe, 0), min(peak + _SET.lobe + 1, len(ordinates))
+    start, stop = max(peak - LOBE, 0), min(peak + LOBE + 1, len(ordinates))
     while start > 0 and ordinates[start - 1] > clear:
         start -= 1
     while stop < len(ordinates) and ordinates[stop] > clear:

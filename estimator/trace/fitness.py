@@ -13,6 +13,10 @@ from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
 
 _SET = THRESHOLDS.fitness
+FEWEST = 4
+"""Samples before a stretch, of which three make a parabola."""
+ALIASED = 4.0
+"""Samples a cycle, below which the third harmonic folds onto the resonance."""
 _STRETCHES = 200  # at the end of the scale: the median of so many no longer changes
 
 
@@ -62,10 +66,10 @@ def _require_samples_per_cycle(record: Record, device: Device) -> None:
     resonance = math.sqrt(max(device.target, 0.0)) / (2.0 * math.pi)
     seen = _strongest(record.sense, rate) if len(record) >= _SET.fewest_samples else 0.0
     for frequency, whose in ((resonance, "the declared resonance"), (seen, "the record's strongest line")):
-        if frequency * _SET.samples_a_cycle > rate * (1.0 + 1e-9):
+        if frequency * ALIASED > rate * (1.0 + 1e-9):
             raise ModelError(
                 f"sampled too slowly: {rate / frequency:.3g} samples a cycle of {frequency:.4g} Hz, {whose}; "
-                f"record at {_SET.samples_a_cycle * frequency:.3g} Hz or faster, best at 20 samples a cycle"
+                f"record at {ALIASED * frequency:.3g} Hz or faster, best at 20 samples a cycle"
             )
 
 
@@ -137,9 +141,8 @@ def reached_at_speed(values: Array, code: float) -> bool:
     at_top = np.concatenate([[False], values == top, [False]])
     first, after = np.flatnonzero(np.diff(at_top)).reshape(-1, 2).T
     beyond = []
-    fewest, most = _SET.before_stretch
     for begin, end in zip(first[:_STRETCHES], after[:_STRETCHES], strict=True):
-        before = min(max(end - begin, fewest), most)
+        before = min(max(end - begin, FEWEST), _SET.end_samples)
         if begin >= before:
             parabola = np.polyfit(np.arange(-before, 0), values[begin - before : begin] - top, 2)
             beyond.append(np.max(np.polyval(parabola, np.arange(min(end - begin, before)))))

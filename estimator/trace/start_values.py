@@ -13,7 +13,7 @@ from estimator.effects.declaration import Source
 from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.residual.averaged import cross_density, power_density
-from estimator.residual.spectrum import lines, periodogram
+from estimator.residual.spectrum import LOBE, lines, periodogram
 from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.thresholds import THRESHOLDS
@@ -42,10 +42,10 @@ def of_lines(record: Record, device: Device, whitened: Array) -> Values:
     """Frequencies of the strongest lines of whitened innovations (n, axes), rad/s."""
     sample_rate = 1.0 / float(np.mean(record.step))
     resonance = float(np.sqrt(device.target)) / (2.0 * np.pi)
-    found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, _SET.line_chance)
+    found = lines(periodogram(whitened, sample_rate, resonance), sample_rate, resonance, THRESHOLDS.criterion.chance)
     span = float(np.sum(record.step))
-    steady = [line for line in found if line.frequency * span > _SET.periods]
-    strongest = sorted(steady, key=lambda line: -line.rms)[: _SET.lines]
+    steady = [line for line in found if line.frequency * span > 2.0 * LOBE]  # else it is a drift: one with the mean
+    strongest = sorted(steady, key=lambda line: -line.rms)[: _SET.strongest]
     return labelled([2.0 * np.pi * line.frequency for line in strongest], 1.0)
 
 
@@ -86,10 +86,10 @@ def of_modes(record: Record, device: Device, whitened: Array) -> Values:
         responses.append(across / np.maximum(of_drive, np.finfo(float).tiny))
     values: list[tuple[str, tuple[float, ...]]] = []
     if of_resonance_alone(record, device):
-        elsewhere = _SET.mode_elsewhere * float(np.sqrt(device.target))
-        return [("1", (elsewhere, _SET.damped_elsewhere))] if elsewhere < np.pi * sample_rate else []
+        # What one frequency tells of a mode is the same wherever that is: midway to half the sampling rate.
+        return [("1", (float(np.sqrt(np.sqrt(device.target) * np.pi * sample_rate)), _SET.damping_ratio))]
     off_resonance = ~at_resonance(record, device, 2.0 * np.pi * frequency)
-    peaks = [k for k in _peaks(coherence) if off_resonance[k]][: _SET.modes]
+    peaks = [k for k in _peaks(coherence) if off_resonance[k]][: _SET.strongest]
     loudest = [k for k in _peaks(following) if off_resonance[k]][:1]
     peaks += [k for k in loudest if all(abs(k - other) > _SET.beside_peak for other in peaks)]
     for label, peak in enumerate(peaks, start=1):
@@ -105,7 +105,7 @@ def rings(residuals: Sequence[Array], sample_rate: float, itself: float) -> list
     """Frequency rad/s and rate of decay 1/s (of the power) of the strongest lines that residuals (n, axes) share, none
     of them at a multiple of the resonance `itself`, rad/s.
     """
-    length = _SET.ring_bins * max(len(one) for one in residuals)
+    length = _SET.beside_peak * max(len(one) for one in residuals)
     channels = [np.nan_to_num(column) for one in residuals for column in one.T]
     spectra = [np.fft.rfft(column - np.mean(column), length) for column in channels]
     # Lines are told by a window, or the strongest would have others beside it; how fast one dies away, without.
@@ -113,14 +113,14 @@ def rings(residuals: Sequence[Array], sample_rate: float, itself: float) -> list
     power = np.sum([np.abs(one) ** 2 for one in told], axis=0)
     omega: Array = 2.0 * np.pi * np.fft.rfftfreq(length, 1.0 / sample_rate).astype(np.float64)
     order = omega / itself
-    own = (np.abs(order - np.round(order)) < _SET.ring_apart) | (order < _SET.ring_apart)
+    own = (np.abs(order - np.round(order)) < THRESHOLDS.spectrum.sideband) | (order < THRESHOLDS.spectrum.sideband)
     found: list[tuple[float, float]] = []
     for top in (place for place in _peaks(power) if not own[place]):
-        if len(found) == _SET.rings:
+        if len(found) == _SET.strongest:
             break
-        if any(abs(omega[top] - other) < _SET.ring_apart * itself for other, _ in found):
+        if any(abs(omega[top] - other) < THRESHOLDS.spectrum.sideband * itself for other, _ in found):
             continue  # a side of a line that is there already
-        near = slice(max(top - _SET.ring_bins, 1), top + _SET.ring_bins + 1)
+        near = slice(max(top - _SET.beside_peak, 1), top + _SET.beside_peak + 1)
         seen = resonance(omega[near], [one[near] for one in spectra])
         longest = max(len(one) for one in residuals) / sample_rate
         found.append((float(omega[top]), 2.0 / longest) if seen is None else (seen[0], 2.0 * seen[1] * seen[0]))
@@ -186,5 +186,6 @@ def resonance(omega: Array, responses: list[NDArray[np.complex128]]) -> tuple[fl
     if stiffness <= 0.0 or not w[0] < np.sqrt(stiffness) < w[-1]:
         return None
     zeta = damping / (2.0 * np.sqrt(stiffness))
-    possible = _SET.least_damping_ratio < zeta < _SET.most_damping_ratio
+    # From 1/√2 on a response has no peak.
+    possible = _SET.least_damping_ratio < zeta < np.sqrt(0.5)
     return (unit * float(np.sqrt(stiffness)), zeta) if possible else None

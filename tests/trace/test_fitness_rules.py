@@ -10,7 +10,6 @@ from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.thresholds import THRESHOLDS
 from estimator.trace import fitness
 from estimator.trace.fitness import longest_stand, reached_at_speed, remarks
 
@@ -361,9 +360,8 @@ def test_nothing_moves_where_no_channel_exceeds_three_times_its_noise(
 
 def test_a_wall_is_seen_where_the_record_has_just_enough_before_it():
     """As many samples as a parabola takes; with one less there is none."""
-    fewest, _ = THRESHOLDS.fitness.before_stretch
-    rising = -20.0 * np.arange(fewest, 0.0, -1.0)
-    stand = np.zeros(fewest)
+    rising = -20.0 * np.arange(4.0, 0.0, -1.0)
+    stand = np.zeros(4)
     fall = rising[::-1]
     assert reached_at_speed(np.concatenate([rising, stand, fall]), 1.0)
     assert not reached_at_speed(np.concatenate([rising[1:], stand, fall]), 1.0)

@@ -1,5 +1,6 @@
 """What is watched on a record, with which parameters: as estimator/thresholds.py says, written out."""
 
+import math
 from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
@@ -96,19 +97,19 @@ def test_thresholds_are_shares_of_what_drive_and_motion_reach() -> None:
 
 
 @pytest.mark.moderate
-@pytest.mark.parametrize(("scale", "low"), [(1.0, 4.0), (1e-4, 4.0), (1.0, 3.0)])
-def test_lines_are_the_five_strongest_that_come_back_ten_times(scale: float, low: float) -> None:
-    """3 s of record: a line of 3 Hz is a drift.  Beside a deviation, it does not matter in which unit."""
+@pytest.mark.parametrize(("scale", "low"), [(1.0, 3.0), (1e-4, 3.0), (1.0, 1.0)])
+def test_lines_are_the_three_strongest_that_come_back_more_often_than_a_lobe_is_wide(scale: float, low: float) -> None:
+    """3 s of record: a line of 1 Hz is a drift.  Beside a deviation, it does not matter in which unit."""
     t = np.arange(N) / RATE
     lines = ((low, 9.0), (150.0, 0.5), (333.0, 0.8), (777.0, 0.6), (900.0, 0.7), (1010.0, 0.4), (1500.0, 0.3))
     tones = sum(size * np.sin(2.0 * np.pi * hertz * t) for hertz, size in lines)
     innovation = scale * (WHITE + tones[:, None] * np.array([1.0, 0.3]))
     found = watched(record(), innovation=innovation, deviation=scale)
-    seen = [found[f"interference:{label}"]["omega"] / (2.0 * np.pi) for label in range(1, 6)]
-    expected = [333.0, 900.0, 777.0, 150.0, 1010.0]
-    assert seen == pytest.approx([low, *expected[:4]] if low > 10.0 / 3.0 else expected, abs=0.2)
-    assert "interference:6" not in found
-    for label in range(1, 6):
+    seen = [found[f"interference:{label}"]["omega"] / (2.0 * np.pi) for label in range(1, 4)]
+    expected = [333.0, 900.0, 777.0]
+    assert seen == pytest.approx([low, *expected[:2]] if low > 2.0 else expected, abs=0.2)
+    assert "interference:4" not in found
+    for label in range(1, 4):
         assert found[f"base_vibration:{label}"] == found[f"interference:{label}"]
 
 
@@ -223,9 +224,9 @@ def test_a_response_is_of_eight_segments_at_least(samples: int, segment: int) ->
 
 @pytest.mark.parametrize(
     ("omega", "zeta", "seen"),
-    [(1.0, 0.1, True), (1.0, 5e-5, False), (1.0, 0.4, False), (0.69, 0.01, False), (1.31, 0.01, False)],
+    [(1.0, 0.1, True), (1.0, 5e-5, False), (1.0, 0.69, True), (1.0, 0.72, False), (1.31, 0.01, False)],
 )
-def test_a_mode_is_one_between_the_bins_and_not_too_broad_or_narrow(omega: float, zeta: float, *, seen: bool) -> None:
+def test_a_mode_is_between_the_bins_has_a_peak_and_is_not_too_narrow(omega: float, zeta: float, *, seen: bool) -> None:
     at = np.linspace(0.7, 1.3, 301) * 1000.0
     response = 2.0 / ((1000.0 * omega) ** 2 - at**2 + 2j * zeta * 1000.0 * omega * at)
     found = start_values.resonance(at, [response, -0.3 * response])
@@ -262,7 +263,7 @@ def test_values_of_one_s_own_are_tried_in_si_and_without_any_the_default() -> No
 
 
 @pytest.mark.parametrize(
-    ("dither", "elsewhere"), [(0.02, {"parasitic_mode:1": 5.0 * OMEGA0}), (0.04, None)]
+    ("dither", "elsewhere"), [(0.02, {"parasitic_mode:1": math.sqrt(OMEGA0 * math.pi * RATE)}), (0.04, None)]
 )  # a thousandth of the power is 0.0316 of the amplitude's rms
 def test_where_the_drive_is_of_the_resonance_alone_one_mode_stands_for_all(
     dither: float, elsewhere: dict[str, float] | None
@@ -271,4 +272,4 @@ def test_where_the_drive_is_of_the_resonance_alone_one_mode_stands_for_all(
     drive = line + dither * np.sqrt(np.mean(line**2)) * RNG.standard_normal((N, 2))
     found = watched(Record(SENSE, drive[:, :, None], np.full(N, 1.0 / RATE)))
     modes = {name: given["omega"] for name, given in found.items() if kind(name) == "parasitic_mode"}
-    assert (modes == elsewhere) if elsewhere is not None else ("parasitic_mode:1" not in modes and modes)
+    assert (modes == pytest.approx(elsewhere)) if elsewhere is not None else ("parasitic_mode:1" not in modes and modes)
