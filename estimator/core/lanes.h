@@ -79,14 +79,20 @@ static inline four four_of(real a, real b, real c, real d)
 
 #endif
 
+/* Four rows of `to`, so far from one another, <- the lanes. */
+static inline void put_rows4(real *to, whole stride, four a, four b, four c, four d)
+{
+    put4(to, a);
+    put4(to + stride, b);
+    put4(to + 2 * stride, c);
+    put4(to + 3 * stride, d);
+}
+
 /* to (4, 4) <- the lanes as columns. */
 static inline void put_columns4(real *to, four a, four b, four c, four d)
 {
     real rows[16];
-    put4(rows, a);
-    put4(rows + 4, b);
-    put4(rows + 8, c);
-    put4(rows + 12, d);
+    put_rows4(rows, 4, a, b, c, d);
     for (int i = 0; i < 4; i++)
         for (int j = 0; j < 4; j++)
             to[4 * i + j] = rows[4 * j + i];

@@ -30,22 +30,27 @@ static inline void propagate_two(real *p, whole n, whole width, const real *g, r
 {
     whole fours = width - width % 4;
     real *mirror = scratch + 4 * width; /* T, column by column */
-    for (whole j = 0; j < fours; j += 4) {
-        four row = take4(p + j);
-        four t0 = scale4(g[0], row), t1 = scale4(g[1], row), t2 = scale4(g[2], row), t3 = scale4(g[3], row);
+    for (whole j = 0; j < fours; j += 8) { /* eight columns by each of g; an odd four is done twice */
+        whole l = j + 4 < fours ? j + 4 : j;
+        four a = take4(p + j), t0 = scale4(g[0], a), t1 = scale4(g[1], a), t2 = scale4(g[2], a), t3 = scale4(g[3], a);
+        four b = take4(p + l), v0 = scale4(g[0], b), v1 = scale4(g[1], b), v2 = scale4(g[2], b), v3 = scale4(g[3], b);
         for (whole k = 1; k < n; k++) {
             const real *q = g + 4 * k;
-            row = take4(p + k * width + j);
-            t0 = add4(t0, scale4(q[0], row));
-            t1 = add4(t1, scale4(q[1], row));
-            t2 = add4(t2, scale4(q[2], row));
-            t3 = add4(t3, scale4(q[3], row));
+            a = take4(p + k * width + j);
+            b = take4(p + k * width + l);
+            t0 = add4(t0, scale4(q[0], a));
+            v0 = add4(v0, scale4(q[0], b));
+            t1 = add4(t1, scale4(q[1], a));
+            v1 = add4(v1, scale4(q[1], b));
+            t2 = add4(t2, scale4(q[2], a));
+            v2 = add4(v2, scale4(q[2], b));
+            t3 = add4(t3, scale4(q[3], a));
+            v3 = add4(v3, scale4(q[3], b));
         }
-        put4(scratch + j, t0);
-        put4(scratch + width + j, t1);
-        put4(scratch + 2 * width + j, t2);
-        put4(scratch + 3 * width + j, t3);
+        put_rows4(scratch + j, width, t0, t1, t2, t3);
+        put_rows4(scratch + l, width, v0, v1, v2, v3);
         put_columns4(mirror + 4 * j, t0, t1, t2, t3);
+        put_columns4(mirror + 4 * l, v0, v1, v2, v3);
     }
     for (whole j = fours; j < n; j++) {
         four column = scale4(p[j], take4(g));
@@ -63,10 +68,7 @@ static inline void propagate_two(real *p, whole n, whole width, const real *g, r
         t2 = add4(t2, scale4(column[2], q));
         t3 = add4(t3, scale4(column[3], q));
     }
-    put4(p, t0);
-    put4(p + width, t1);
-    put4(p + 2 * width, t2);
-    put4(p + 3 * width, t3);
+    put_rows4(p, width, t0, t1, t2, t3);
     for (whole i = 0; i < 4; i++) {
         for (whole j = i + 1; j < 4; j++)
             p[j * width + i] = p[i * width + j];
