@@ -18,7 +18,7 @@ _COUNTED = {
     "saturated": "samples with the drive at its limit",
     "estimates": "estimates of the board's own, recorded",
     "rearmed": "times the board was armed again after a SAFE",
-    "residual_safe": "times the innovation left its bounds and the host sent SAFE",
+    "residual_safe": "times the innovation exceeded its limit and the host sent SAFE",
     "frames_lost": "frames missing from the board's sequence",
     "frames_repeated": "frames that came twice, or after a later one, and were dropped",
     "frames_damaged": "frames the host dropped: framing, checksum, length or type",

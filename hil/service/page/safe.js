@@ -35,7 +35,7 @@ export function watchSafe(live) {
     } catch (error) {
       const { message, remedy = "" } = /** @type {import("./api.js").Refusal} */ (error);
       if (live.up) notice(message, { remedy, tone: "bad" });
-      else notice(`SAFE was not sent: ${message}`, { remedy: "the board's watchdog stops it when the host falls silent; if it still drives, cut the supply", tone: "bad" });
+      else notice(`SAFE was not sent: ${message}`, { remedy: "the board's watchdog stops it when the host stops sending; if it still drives, cut the supply", tone: "bad" });
     }
   };
   button.addEventListener("click", press);

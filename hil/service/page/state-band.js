@@ -8,15 +8,15 @@ import { byId, say } from "./dom.js";
 const REASONS = /** @type {Record<string, [string, string]>} */ ({
   HOST_REQUEST: ["run finished, drive off", ""],
   INTERRUPTED: ["stopped by the operator", ""],
-  RESIDUAL: ["the innovation left its bounds", "Look at the run's report before you arm it again."],
-  WATCHDOG: ["the host fell silent, and the board's watchdog stopped the drive", "Look at the link and at the load of this machine."],
-  LINK_LOST: ["samples stopped coming", "Look at the cable and the supply, then connect again."],
-  FAULT: ["the board's own protection tripped", "Look at the board. It lifts this itself when the fault is gone."],
+  RESIDUAL: ["the innovation exceeded its limit", "Look at the run's report before you arm it again."],
+  WATCHDOG: ["the host stopped sending, and the board's watchdog stopped the drive", "Check the link and the load of this machine."],
+  LINK_LOST: ["no more samples arrived", "Check the cable and the supply, then connect again."],
+  FAULT: ["the board's own protection tripped", "Check the board. It clears FAULT itself when the fault is gone."],
 });
 const CALM = new Set(["", "NONE", "HOST_REQUEST", "INTERRUPTED"]);
 
 const STATES = /** @type {Record<string, [string, string]>} */ ({
-  BOOT: ["off", "powered up, not greeted yet"],
+  BOOT: ["off", "powered up, no HELLO yet"],
   IDLE: ["off", "no force, not armed"],
   ARMED: ["armed", "armed, not driven yet"],
   RUNNING: ["run", ""],
@@ -29,7 +29,7 @@ export function inWords(board, up, refused, last) {
   const safety = board.running ? "" : last?.parts?.safety;
   if (safety === "unsafe") return { tone: "alarm", word: "Not confirmed", reason: last.reasons[0] ?? "the board has not said that it is SAFE", next: "Cut the supply." };
   if (board.left) return { tone: "off", word: "Run ended", reason: board.words, next: "" };
-  if (board.lost) return { tone: "alarm", word: "Board lost", reason: board.words || "it does not answer", next: "Look at the cable and the supply. Its watchdog has stopped the drive; it is connected again as soon as it answers." };
+  if (board.lost) return { tone: "alarm", word: "Board lost", reason: board.words || "it does not answer", next: "Check the cable and the supply. Its watchdog has stopped the drive; it is connected again as soon as it answers." };
   if (!board.connected) return { tone: "off", word: "No board", reason: board.words || "choose a bench file and connect", next: "" };
   if (board.state === "SAFE") {
     if (safety === "failed") return { tone: "alarm", word: "SAFE", reason: last.reasons[0] ?? sentence(board), next: "Look at the run's report before you arm it again." };
