@@ -7,6 +7,7 @@ from hil.bench import Bench
 from hil.bench import load_bench as bench_at
 from hil.bench.examples import bench_file
 from hil.boards.identity import identity_at
+from hil.errors import InputError
 from hil.errors.arguments import path_of
 from hil.library.words import said_of_arguments
 from hil.wire.messages import Identity
@@ -35,8 +36,10 @@ def generate(
     link: a board whose codes and latency are taken; without one they are latency [samples], sense_scale [V per code]
     and drive_scale [m/s² per code], by default those of converters of 16 bits.  float32: numbers of 32 bits.  fmu: pack
     it as a co-simulation unit of FMI 3.0, too, for which a C compiler is needed.  Raises InputError for a bench that is
-    no two-axis gyro's, or has an effect that cannot be written.
+    no two-axis gyro's, or has an effect that cannot be written, and for scales beside a link.
     """
+    if link is not None and (sense_scale is not None or drive_scale is not None):
+        raise InputError("--link: the board tells its scales; take --sense-scale and --drive-scale out")
     from hil.codegen.c_code import generate as write
 
     declared, place = (bench, "the bench") if isinstance(bench, Bench) else _loaded(bench)

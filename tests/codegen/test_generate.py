@@ -119,6 +119,14 @@ def test_a_header_of_another_version_is_told_in_one_line(tmp_path: Path) -> None
     assert "golden.h is of another version than gyro_estimator.h: generate both again" in done.stderr
 
 
+@pytest.mark.parametrize("scale", ["sense_scale", "drive_scale"])
+def test_a_scale_beside_a_board_that_tells_it_is_refused(tmp_path: Path, scale: str) -> None:
+    given: dict[str, Any] = {scale: 1e-6}
+    with pytest.raises(InputError, match="link: the board tells its scales; take sense_scale="):
+        hil.generate("s-slow", out=tmp_path, link="inproc:s-slow", **given)
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_cannot_be_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="axes = 1: only the estimator of a gyro"):
         hil.generate("silverbox", out=tmp_path)
