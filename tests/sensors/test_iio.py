@@ -27,6 +27,7 @@ XML = (
     + "</device></context>"
 ).encode()
 RATE_HZ = 400.0
+ENDS_AT = 10**6  # samples after which it goes away
 
 
 class Daemon(socketserver.StreamRequestHandler):
@@ -43,13 +44,15 @@ class Daemon(socketserver.StreamRequestHandler):
                 self.wfile.write(b"%d\n%s\n" % (len(value), value))
             elif word == "OPEN":
                 self.wfile.write(b"0\n" if rest[2] == "000000ff" else b"-22\n")
+            elif word == "READBUF" and n >= ENDS_AT:
+                return
             elif word == "READBUF":
                 rows = b""
                 while len(rows) < int(rest[1]):
                     rates = [round(value / 6.658e-9) for value in (-0.1, 0.2, 0.5)]
                     rows += struct.pack(">6ih6x", *rates, 0, 0, round(9.81 / 3.7384e-8), 250)
                     rows += struct.pack("<q", round(1.7e18 + n / RATE_HZ * 1e9))
-                    n += 1
+                    n += 6 if n == 49 else 1
                 time.sleep(8 / RATE_HZ)
                 self.wfile.write(b"%d\n000000ff\n%s" % (len(rows), rows))
 
@@ -69,10 +72,21 @@ def daemon() -> Iterator[str]:
 def test_a_gyro_behind_a_daemon_is_recorded(tmp_path: Path, daemon: str) -> None:
     run = hil.record(daemon, duration_s=0.5, out=tmp_path, report=False)
     capture = read_capture(run.path / "capture.arrow")
-    assert (run.verdict, run.path.name.endswith("adis16505-2")) == ("good", True)
+    assert (run.result.lost, run.path.name.endswith("adis16505-2")) == (5, True)
     assert capture.tick_rate_Hz == pytest.approx(RATE_HZ, rel=1e-3)
     assert [rates.mean() for rates in rates_rad_s(capture).values()] == pytest.approx([-0.1, 0.2, 0.5], abs=1e-7)
     assert np.all(capture.columns["temp_code"] * 0.1 == 25.0)
+
+
+@pytest.mark.realtime
+def test_a_daemon_that_goes_away_leaves_its_record(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, daemon: str
+) -> None:
+    monkeypatch.setattr("tests.sensors.test_iio.ENDS_AT", 150)
+    run = hil.record(daemon, duration_s=5.0, out=tmp_path, report=False)
+    assert (run.verdict, run.result.complete) == ("interrupted", True)
+    assert run.result.samples >= 140
+    assert "iio:127.0.0.1" in run.result.reasons[0]
 
 
 def test_what_is_no_daemon_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, daemon: str) -> None:

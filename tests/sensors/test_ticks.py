@@ -65,3 +65,12 @@ def test_a_host_that_looked_late_invents_no_gap() -> None:
 
 def test_samples_lost_while_the_step_is_learned() -> None:
     assert number((range(50), 0.1), (range(53, 200), 0.4), (range(220, 310), 0.62))[50] == 53
+
+
+def test_a_clock_whose_counts_do_not_fit_the_rate_tells_a_long_gap() -> None:
+    """800 samples a second of a clock of 10 kHz: 12 or 13 counts each."""
+    ticks = [n for n in range(400) if not 200 <= n < 250]
+    counter = TickCounter(1 << 32, (400.0, 800.0, 1000.0), 1e4)
+    numbered = counter.number([Sample(n * 25 // 2, (), 0, 0) for n in ticks], 1.0)
+    assert counter.sample_rate_Hz == 800.0
+    assert [tick for tick, _ in numbered] == ticks
