@@ -22,7 +22,7 @@ from estimator.errors import ModelError
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.side_by_side import together
 from estimator.trace.checks import disturbed_by
-from estimator.trace.fit import FittedModel, at, maximise
+from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import is_searched
 from estimator.trace.problem import Effects, Problem, Progress, unseen
 from estimator.trace.score_test import Score
@@ -158,7 +158,7 @@ def _scanned(
         assert isinstance(found, Taken)
         assert found.model is not None
         harmless.append(found)
-        base = maximise(of, at(of, found.model.layout, found.model.model))
+        base = found.model
         effects = beside_those(effects, base.model.effects)
         seen = scores_of(of, base, effects, constants)
     progress("scan", rounds, rounds)

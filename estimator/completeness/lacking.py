@@ -5,7 +5,6 @@ Far from the truth a score test is a rough guide, so those that come into questi
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -21,17 +20,11 @@ from estimator.effects.catalogue import effect_for
 from estimator.effects.labels import kind
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.side_by_side import side_by_side
 from estimator.trace.checks import covariance
-from estimator.trace.fit import FittedModel, at, maximise
+from estimator.trace.fit import FittedModel
 from estimator.trace.score_test import Score
-from estimator.trace.search import impossible, with_effect
+from estimator.trace.search import SHORTLIST, first_possible, fitted_candidates, gain_of
 
-_TRIED = 3
-_COMPARED = 10_000  # samples on which candidates are compared, at least
-_ENOUGH = 1000.0  # of twice the log-likelihood: so much tells candidates apart
-_LEARNT = 2.0 / 3.0  # of the record: what is found there must be borne out by the rest
-_TIE = 2.0 * float(np.log(20.0))  # twice the log-odds of two accounts that are not told apart
 HARMLESS = 1.0 / 3.0
 """Of the limit: what moves the angle by less is told, not held against the run."""
 
@@ -66,33 +59,16 @@ def leading(
     Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
     of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.
     """
-    share = min(_ENOUGH / serious[0].gain, 1.0)
-    compared = of
-    if share < 1.0:
-        compared = of.part(slice(0, min(max(int(share * of.samples), _COMPARED), of.samples)))
-        base = maximise(compared, at(compared, base.layout, base.model))
-    tried = list(serious[:_TRIED])
-    models = dict(
-        zip(
-            [score.name for score in tried],
-            side_by_side([partial(with_effect, compared, base, score) for score in tried]),
-            strict=True,
-        )
-    )
-    models = {name: model for name, model in models.items() if not impossible(of, name, model)}
-    if not models:
+    best = first_possible(of, fitted_candidates(of, base, serious[:SHORTLIST]))
+    if best is None or not best[1].surplus_over(base) > margin:
         return None
-    best = max(models, key=lambda name: models[name].criterion)
-    model = models[best]
-    if not model.criterion - base.criterion > margin:
-        return None
-    # What is weak must be borne out by samples that it was not found on, as in tracing; what is strong is beyond that.
-    if model.likeliness - base.likeliness < _ENOUGH and not borne_out(compared, base, model):
-        return None
-    ratio = _ratio_of(compared, model)
+    name, model = best
+    ratio = _ratio_of(of, model)
     if not ratio <= enough:
-        return Nearest(kind(best), ratio)
-    return _taken_alone(of, best, model, model.likeliness - base.likeliness, seen, turning)
+        return Nearest(kind(name), ratio)
+    if not gain_of(of, model, name) > margin:  # else it is the noise of the base model that is not fitted
+        return None
+    return _taken_alone(of, name, model, model.rise_over(base), seen, turning)
 
 
 def _taken_alone(of: Stretched, name: str, model: FittedModel, gain: float, seen: Scores, turning: Turning) -> Taken:
@@ -147,27 +123,6 @@ def taken_together(off: Off, turning: Turning, device: Device, harmless: float) 
         )
     lacking.sort(key=lambda item: -item.angle.value)
     return Taken(tuple(lacking), angle, shift, deviation)
-
-
-def borne_out(of: Stretched, base: FittedModel, model: FittedModel) -> bool:
-    """Whether what `model` has beside `base`, found on the first part of the record, predicts the rest better.
-
-    Where the rest tells nothing even to who has seen it, as behind a start that alone shows the effect, it only must
-    not be predicted worse.
-    """
-    first = of.part(slice(0, round(_LEARNT * of.samples)))
-
-    def later(one: FittedModel, *, learnt: bool) -> float:
-        if learnt:
-            one = maximise(first, at(first, one.layout, one.model))
-        seen = of.evaluate(one.layout, one.model, derivatives=False)
-        behind = np.arange(len(seen.power)) >= round(_LEARNT * len(seen.power) / (1 + len(of.later)))
-        power, count = seen.power[behind].sum(), seen.count[behind].sum()
-        return float(-count * np.log(power / count) - 2.0 * seen.logs[behind].sum())
-
-    told, carried = ([later(one, learnt=learnt) for one in (base, model)] for learnt in (False, True))
-    least = 0.0 if told[1] - told[0] > _TIE else -_TIE
-    return carried[1] - carried[0] > least
 
 
 def _ratio_of(of: Stretched, model: FittedModel) -> float:

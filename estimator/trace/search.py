@@ -1,6 +1,6 @@
 """Which effects belong in the model: forward by the score test, fitted candidates, and backward again."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
@@ -82,8 +82,8 @@ def forward(
         tested = of.candidates(now.model, now.evaluation)
         kinds = max(kinds, len({kind(name) for name in tested}))
         tables = scored(of, now, tested)
-        ranked = _fitted(of, now, shortlisted(of, tables, now.evaluation.share * margin(kinds)))
-        best = next((pair for pair in ranked if not impossible(of, *pair)), None)
+        ranked = fitted_candidates(of, now, shortlisted(of, tables, now.evaluation.share * margin(kinds)))
+        best = first_possible(of, ranked)
         rounds.append(Round(now, tables[0], tuple(ranked)))
         if best is None or not best[1].surplus_over(now) > margin(kinds):
             break
@@ -91,7 +91,12 @@ def forward(
     return Search(base, now, tuple(rounds))
 
 
-def _fitted(of: Likelihood, base: FittedModel, shortlist: list[Score]) -> list[tuple[str, FittedModel]]:
+def first_possible(of: Likelihood, ranked: list[tuple[str, FittedModel]]) -> tuple[str, FittedModel] | None:
+    """The best of fitted candidates that has no sign which physics forbids."""
+    return next((pair for pair in ranked if not impossible(of, *pair)), None)
+
+
+def fitted_candidates(of: Likelihood, base: FittedModel, shortlist: Sequence[Score]) -> list[tuple[str, FittedModel]]:
     """The candidates, each joined to the model and fitted, the best first and to its top.
 
     On a beginning of the record first: those that are far behind there are not fitted to the whole, unless the score
@@ -216,7 +221,7 @@ def reduced(of: Likelihood, fitted: FittedModel, name: str, theta: Array) -> tup
 
 def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
     """Without effects that do not pay for themselves beside the others; one without which the motion is lost stays."""
-    while gains := {name: _gain_of(of, fitted, name) for name in fitted.model.effects if name not in of.effects}:
+    while gains := {name: gain_of(of, fitted, name) for name in fitted.model.effects if name not in of.effects}:
         least = min(gains, key=lambda name: gains[name])
         if gains[least] > margin:
             break
@@ -241,7 +246,7 @@ def with_defaults(of: Likelihood, fitted: FittedModel) -> FittedModel:
     return fitted
 
 
-def _gain_of(of: Likelihood, fitted: FittedModel, name: str) -> float:
+def gain_of(of: Likelihood, fitted: FittedModel, name: str) -> float:
     """What a model gains by an effect, less what its parameters cost."""
     if fitted.begins_at_zero(name):
         return fitted.gain_of(name)

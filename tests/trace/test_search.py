@@ -213,7 +213,7 @@ def test_an_effect_without_which_the_motion_is_lost_stays(monkeypatch: pytest.Mo
     """However little it seems to gain: nothing can be said of a model that the filter cannot follow."""
     model: Any = SimpleNamespace(model=SimpleNamespace(effects={"drive_delay": {}}))
     lost = SimpleNamespace(evaluation=SimpleNamespace(sound=False))
-    monkeypatch.setattr(search_module, "_gain_of", lambda *_: -1.0)
+    monkeypatch.setattr(search_module, "gain_of", lambda *_: -1.0)
     monkeypatch.setattr(search_module, "without_effect", lambda *_: model)
     monkeypatch.setattr(search_module, "settle", lambda *_: lost)
     assert backward(SimpleNamespace(effects={}), model, 10.0) is model  # type: ignore[arg-type]
