@@ -52,6 +52,7 @@ if TYPE_CHECKING:
     from hil.plugins.protocol import Drive as Drive
     from hil.plugins.protocol import Estimate as Estimate
     from hil.plugins.protocol import Observer as Observer
+    from hil.plugins.protocol import TrimVoltages as TrimVoltages
     from hil.records.methods import MethodRow as MethodRow
     from hil.records.methods import Methods as Methods
     from hil.running.run import Interrupted as Interrupted
@@ -81,7 +82,7 @@ _OFFERED = {
         "replay", "run", "score", "sweep", "trace",
     ),
     "hil.plugins.errors": ("PluginError",),
-    "hil.plugins.protocol": ("Controller", "DeclaredDevice", "Drive", "Estimate", "Observer"),
+    "hil.plugins.protocol": ("Controller", "DeclaredDevice", "Drive", "Estimate", "Observer", "TrimVoltages"),
     "hil.records.methods": ("MethodRow", "Methods"),
     "hil.running.run": ("Interrupted",),
     "hil.wire.errors": ("WireError",),

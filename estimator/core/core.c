@@ -87,6 +87,14 @@ EXPORTED void estimator_follow(void *estimator, const double *x)
         memcpy(arrays->x, x, (size_t)arrays->total * sizeof *x);
 }
 
+/* The trim electrodes a sample on, for an observer that is not this one: V in its middle (trims->count,). */
+EXPORTED void estimator_trimmed(void *estimator, double *volts)
+{
+    const Arrays *arrays = &((Estimator *)estimator)->arrays;
+    for (whole k = 0; k < arrays->trims->count; k++)
+        volts[k] = follow_electrode(arrays->trims, k, arrays->settings->h);
+}
+
 EXPORTED void estimator_control(void *estimator, double codes[2])
 {
     controller_step(estimator, codes);

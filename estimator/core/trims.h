@@ -11,17 +11,25 @@ static inline real electrode_after(const Trims *trims, whole k, real h)
     return trims->target[k] + (trims->volts[k] - trims->target[k]) * rest;
 }
 
+/* The same, which advances by it; the voltage in its middle, whose square is kept. */
+static inline real follow_electrode(Trims *trims, whole k, real h)
+{
+    real middle = electrode_after(trims, k, R(0.5) * h);
+    trims->volts[k] = electrode_after(trims, k, h);
+    trims->squared[k] = middle * middle;
+    return middle;
+}
+
 /* Before an interval of length h is predicted: the stiffness becomes what the voltage in its middle makes of it, with
    the initial value (k,) that forgetting draws it to, and less certain by the coefficient's own uncertainty. */
 static inline void follow_trims(const Settings *settings, Trims *trims, const Estimate *estimate, real *initial, real h)
 {
     for (whole k = 0; k < trims->count; k++) {
-        real middle = electrode_after(trims, k, R(0.5) * h);
-        real before = trims->squared[k], now = middle * middle;
-        trims->volts[k] = electrode_after(trims, k, h);
+        real before = trims->squared[k];
+        follow_electrode(trims, k, h);
+        real now = trims->squared[k];
         if (now == before)
             continue;
-        trims->squared[k] = now;
         for (whole i = 0; i < 3; i++) {
             real softer = trims->softening[k][i] * (now - before);
             estimate->x[settings->states + KXX + i] -= softer;

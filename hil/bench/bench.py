@@ -63,10 +63,6 @@ class Bench(Tables):
                 f'[trim] electrodes: the loops of [controller] mode = "{self.controller.mode}" estimate no springs to '
                 'null; use mode = "whole_angle", or leave the table out'
             )
-        if self.trim.electrodes and self.observer.plugin is not None:
-            raise ValueError(
-                "[trim] electrodes: [observer] plugin does not get their voltages; remove the plug-in or the table"
-            )
         if self.trim.control and not self.controller.enabled:
             raise ValueError("[trim] control: nulls what a closed loop shows; set [controller] enabled = true")
         if self.link.watchdog_s is not None and self.link.watchdog_s < self.shortest_watchdog_s:

@@ -52,6 +52,17 @@ def at_rest(captured: Capture, bench: Bench, trims: Trims | None) -> AtRest:
     return AtRest(part, bench.with_(device={"stiffness_N_per_m": tuple(map(float, springs))}), told)
 
 
+def declared_electrodes(bench: Bench, settling_s: Sequence[float]) -> list[Electrode]:
+    """Those of the bench file, with the time constants that a board tells of them."""
+    trim, mass = bench.trim, bench.device.mass_kg
+    each = trim.softening_u if len(trim.softening_u) > 1 else trim.softening_u * len(trim.electrodes)
+    found = []
+    for row, u, settling in zip(trim.softening_N_per_m_per_V2, each, settling_s, strict=True):
+        xx, yy, xy = (value / mass for value in row)
+        found.append(Electrode((xx, yy, xy), (u * abs(xx), u * abs(yy), u * abs(xy)), settling))
+    return found
+
+
 def electrodes_of(bench: Bench, trims: Trims) -> Sequence[Electrode]:
     """The electrodes of a record, with the coefficients of the bench file where it declares them."""
     declared = dict(zip(bench.trim.electrodes, bench.trim.softening_N_per_m_per_V2, strict=True))

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from hil.errors import InputError
 from hil.plugins import native
 from hil.plugins.finding import METHODS, Kind, called, said
-from hil.plugins.native import CONTROL, OBSERVE, Fault, Part, PluginState
-from hil.plugins.protocol import DeclaredDevice, Drive, Estimate
+from hil.plugins.native import CONTROL, OBSERVE, TRIMMED, Fault, Part, PluginState
+from hil.plugins.protocol import DeclaredDevice, Drive, Estimate, TrimVoltages
 
 _FIGURES = 100
 _double = ctypes.c_double
@@ -63,6 +63,10 @@ class PluginPart(ABC):
     def address(self, kind: Kind) -> int:
         """Of the function that does it."""
 
+    def trimmed(self) -> int:
+        """Address of the function that is told of trim voltages, once it has begun; 0: it has none."""
+        return 0
+
     def why(self) -> str:
         """Why it cannot go on, as it says itself; empty where it does not."""
         return ""
@@ -106,6 +110,11 @@ class Compiled(PluginPart):
     def address(self, kind: Kind) -> int:
         return ctypes.cast(getattr(self._library, _FUNCTIONS[kind]), ctypes.c_void_p).value or 0
 
+    def trimmed(self) -> int:
+        if not hasattr(self._library, "gyro_plugin_trimmed"):
+            return 0
+        return ctypes.cast(self._library.gyro_plugin_trimmed, ctypes.c_void_p).value or 0
+
     def why(self) -> str:
         if not hasattr(self._library, "gyro_plugin_why"):
             return ""
@@ -144,9 +153,15 @@ class InPython(PluginPart):
         self._make = make
         self._state: PluginState | None = None
         self._calls = {"observer": OBSERVE(self._observe), "controller": CONTROL(self._control)}
+        self._told = TRIMMED(self._trimmed)
 
     def address(self, kind: Kind) -> int:
         return ctypes.cast(self._calls[kind], ctypes.c_void_p).value or 0
+
+    def trimmed(self) -> int:
+        if not callable(getattr(self._instance, "trimmed", None)):
+            return 0
+        return ctypes.cast(self._told, ctypes.c_void_p).value or 0
 
     def begin(self, state: PluginState, at: int, device: DeclaredDevice, names: Sequence[str]) -> None:
         self._state, self.raised = state, None
@@ -171,6 +186,23 @@ class InPython(PluginPart):
         try:
             _, vx, vy, ux, uy, imposed = _SAMPLE(self._sample)
             self._put(self._instance.observe((vx, vy), (ux, uy), imposed))
+        except BaseException as error:  # noqa: BLE001 - it must not pass through C
+            self.raised, self._state.raised = error, 1
+
+    def _trimmed(self, *_: int) -> None:
+        assert self._state is not None
+        try:
+            told = native.Trims.from_address(self._state.trims)
+            count = told.count
+            self._instance.trimmed(
+                TrimVoltages(
+                    volts=tuple(told.volts[:count]),
+                    softening=tuple(_three(row) for row in told.softening_per_s2_per_V2[:count]),
+                    softening_u=tuple(_three(row) for row in told.softening_u_per_s2_per_V2[:count]),
+                    settling_s=tuple(told.settling_s[:count]),
+                    softened=_three(told.softened_per_s2),
+                )
+            )
         except BaseException as error:  # noqa: BLE001 - it must not pass through C
             self.raised, self._state.raised = error, 1
 
@@ -219,6 +251,11 @@ class InPython(PluginPart):
             x, vx, y, vy, rate, said[0], said[1], state, deviation, (said[2], said[3]), (said[4], said[5]), said[6],
             said[7],
         )  # fmt: skip
+
+
+def _three(row: Sequence[float]) -> tuple[float, float, float]:
+    xx, yy, xy = row
+    return xx, yy, xy
 
 
 def _line(words: bytes | None) -> str:

@@ -20,6 +20,7 @@ from estimator.core.structures import Arrays
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
+from estimator.trims import Electrode
 from hil.errors import InputError
 from hil.numbers import with_and
 from hil.plugins import native
@@ -75,7 +76,7 @@ class Plugged(Observer):
     def _lend_own(self, own: Observer) -> None:
         lent, arrays = self._plugin.own, own.arrays
         lent.estimator = own.filter.address
-        for name in ("observe", "passed", "follow", "control", "commanded"):
+        for name in ("observe", "passed", "follow", "control", "commanded", "trimmed"):
             setattr(lent, name, ctypes.cast(getattr(CORE, f"estimator_{name}"), ctypes.c_void_p).value)
         actual = arrays.c if arrays.settings["two_covariances"][0] else arrays.p
         self._entries = np.ascontiguousarray(own.estimated_index, np.int64)
@@ -227,6 +228,7 @@ class PluggedObserver(Plugged):
         n = len(self.names)
         self.x = own.x * own.factors
         self.factors, self.volts = np.ones(n), np.ones(2)
+        self.trims = own.trims
         self.estimated_index = np.arange(n)
         self._p = self._c = np.zeros((n, n))
         state = self._plugin
@@ -240,6 +242,24 @@ class PluggedObserver(Plugged):
     def arrays(self) -> Arrays:
         """Its own, in SI, with the queue of commands that `own` keeps."""
         return super().arrays._replace(memory=self._own.arrays.memory)
+
+    def declare_trims(self, electrodes: Sequence[Electrode]) -> None:
+        """The plug-in is told of them. Raises InputError for one that cannot be."""
+        part = next(part for part in self.parts if "observer" in part.kinds)
+        self._plugin.trimmed = part.trimmed()
+        if electrodes and not self._plugin.trimmed:
+            lacks = "a method trimmed" if part.in_python else "a function gyro_plugin_trimmed"
+            raise InputError(
+                f"{part.called}: [trim] electrodes change the springs, and it cannot be told of their voltages; give "
+                f"it {lacks}, or take the table out"
+            )
+        self._own.declare_trims(electrodes)
+        told = native.Trims.from_address(self._plugin.trims)
+        told.count = len(electrodes)
+        for k, one in enumerate(electrodes):
+            told.softening_per_s2_per_V2[k][:] = one.softening
+            told.softening_u_per_s2_per_V2[k][:] = one.softening_u
+            told.settling_s[k] = one.settling
 
     def enable_control(self, on: bool) -> None:
         """Of the part that controls."""

@@ -104,6 +104,21 @@ class Estimate(NamedTuple):
     quadrature_ratio: float = math.nan
 
 
+class TrimVoltages(NamedTuple):
+    """Trim electrodes that the bench file declares, one entry each, and the voltages that act: known input.
+
+    volts: in the middle of the interval that ends at the sample, as they settle; softening and softening_u
+    [1/s²/V²]: what V² takes off of (kxx, kyy, kxy), as declared, and its standard uncertainty; settling_s: time
+    constant by which a voltage follows its output; softened [1/s²]: what all of them take off of (kxx, kyy, kxy) now.
+    """
+
+    volts: tuple[float, ...]
+    softening: tuple[tuple[float, float, float], ...]
+    softening_u: tuple[tuple[float, float, float], ...]
+    settling_s: tuple[float, ...]
+    softened: tuple[float, float, float]
+
+
 class Drive(NamedTuple):
     """Force per mass [m/s²] for the interval that begins `latency` samples on, and the rotation [rad/s] of the pattern
     that it imposes, for the bench's own observer to take off.
@@ -116,7 +131,11 @@ class Drive(NamedTuple):
 
 @runtime_checkable
 class Observer(Protocol):
-    """Made with a `DeclaredDevice`; called at every sample, in order."""
+    """Made with a `DeclaredDevice`; called at every sample, in order.
+
+    One that has a method `trimmed(trims: TrimVoltages)` too is told of trim voltages, before `observe`: at the first
+    sample, and wherever one has changed.  Without it a bench file with [trim] electrodes is refused.
+    """
 
     def observe(self, sense: Pair, applied: Pair, imposed: float) -> Estimate:
         """sense (2,) [V], NaN where the sample was lost; applied (2,) [m/s²]: the drive over the interval that ends at

@@ -12,6 +12,7 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.inputs.trimmed import declared_electrodes
 from hil.numbers import quantity
 from hil.plugins.of_bench import loop_observer
 from hil.plugins.plugged import Plugged
@@ -28,6 +29,7 @@ def tried(bench: Bench, identity: Identity) -> list[str]:
     """
     observer = loop_observer(bench, identity)
     assert isinstance(observer, Plugged)
+    observer.declare_trims(declared_electrodes(bench, [0.0] * len(bench.trim.electrodes)))
     device = DeclaredLoop(
         Observer(board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity))
     )

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 from functools import partial
 from typing import NamedTuple
 
-import numpy as np
-
 from estimator.trims import Electrode
 from hil.bench import Bench
 from hil.bench.plausible import LARGEST_V
 from hil.errors import InputError
+from hil.inputs.trimmed import declared_electrodes
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError
@@ -88,14 +87,12 @@ def require_outputs(endpoint: Endpoint, identity: Identity, bench: Bench) -> lis
     for name in trim.electrodes:
         if name not in told:
             raise InputError(f"{link}: [trim] electrodes: the board has no output {name!r}; it has {', '.join(told)}")
-    each = trim.softening_u if len(trim.softening_u) > 1 else trim.softening_u * len(trim.electrodes)
     outputs = []
-    for name, row, u in zip(trim.electrodes, trim.softening_N_per_m_per_V2, each, strict=True):
+    electrodes = declared_electrodes(bench, [told[name].settling_s for name in trim.electrodes])
+    for name, electrode in zip(trim.electrodes, electrodes, strict=True):
         one = told[name]
-        softening = np.array(row) / bench.device.mass_kg
         end = one.highest if one.highest >= -one.lowest else one.lowest
         most_V = math.copysign(min(abs(end) * one.scale_V, trim.limit_V or math.inf), end)
-        electrode = Electrode(tuple(softening), tuple(u * np.abs(softening)), one.settling_s)
         outputs.append(Output(one, most_V, electrode))
     return outputs
 

@@ -185,7 +185,7 @@ class Trimming:
         places = [self._observer.names.index(name) for name in STIFFNESS]
         springs, sd = np.array(state)[places], np.array(deviations)[places]
         target = self._observer.target_stiffness
-        if not (np.all(np.isfinite(springs)) and np.all(sd < _KNOWN * target)):
+        if not (np.all(np.isfinite(springs)) and np.all((sd > 0.0) & (sd < _KNOWN * target))):  # 0: not estimated
             return
         if self._begun is None:
             self._begun = springs, sd

@@ -1,10 +1,12 @@
 """The bench's own estimator as a plug-in in Python: what the loop makes of it is known from the loop without one."""
 
 import math
+from typing import ClassVar
 
 import hil
 from estimator.observer import Observer
 from estimator.settings import ControllerSettings, Device, ObserverSettings, ProcessNoise, Spread
+from estimator.trims import Electrode
 
 _MOTION = ("x", "vx", "y", "vy", "rate")
 
@@ -50,6 +52,29 @@ class Own:
     def control(self, estimate: hil.Estimate, on: bool) -> list[float]:
         self.observer.enable_control(on)
         return [code * self.device.drive_scale_mps2 for code in self.codes]
+
+
+class Trimmed(Own):
+    """The same, told of trim voltages; `HEARD` has each call: sample, volts, what they soften."""
+
+    HEARD: ClassVar[list[tuple[int, tuple[float, ...], tuple[float, float, float]]]] = []
+
+    def __init__(self, device: hil.DeclaredDevice) -> None:
+        super().__init__(device)
+        self.samples = 0
+        self.HEARD.clear()
+
+    def trimmed(self, trims: hil.TrimVoltages) -> None:
+        if self.samples == 0:  # voltages come as they settle
+            rows = zip(trims.softening, trims.softening_u, strict=True)
+            self.observer.declare_trims([Electrode(row, u, 0.0) for row, u in rows])
+        for k, volts in enumerate(trims.volts):
+            self.observer.trims.put(k, volts)
+        self.HEARD.append((self.samples, trims.volts, trims.softened))
+
+    def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
+        self.samples += 1
+        return super().observe(sense, applied, imposed)
 
 
 class Bare:

@@ -252,7 +252,6 @@ def test_a_bench_file_and_a_board_have_to_agree(tmp_path):
         ({"controller": {"mode": "force_to_rebalance"}}, 'force_to_rebalance" estimate no springs'),
         ({"controller": {"mode": "mode_reversal"}}, 'mode_reversal" estimate no springs'),
         ({"controller": {"mode": "classic_whole_angle"}}, 'classic_whole_angle" estimate no springs'),
-        ({"observer": {"plugin": "mine.so"}}, r"\[observer\] plugin does not get"),
         ({"loop": {"mode": "board", "estimate_every": 250}}, "a board's own estimator does not get"),
     ],
 )

@@ -16,6 +16,8 @@ HEADER = Path(__file__).with_name("gyro_plugin.h")
 VERSION = 1
 STATES = 64
 """Entries that an estimate has room for."""
+TRIMS = 8
+"""Electrodes that it may be told of."""
 WORDS = 512
 """Bytes of a line for the process that watches, its end included."""
 
@@ -110,6 +112,19 @@ class Drive(ctypes.Structure):
     _fields_ = (("force_mps2", _double * 2), ("virtual_rotation_rad_s", _double))
 
 
+class Trims(ctypes.Structure):
+    """`gyro_plugin_trims`"""
+
+    _fields_ = (
+        ("count", _int),
+        ("volts", _double * TRIMS),
+        ("softening_per_s2_per_V2", _double * 3 * TRIMS),
+        ("softening_u_per_s2_per_V2", _double * 3 * TRIMS),
+        ("settling_s", _double * TRIMS),
+        ("softened_per_s2", _double * 3),
+    )
+
+
 class Named(ctypes.Structure):
     """`gyro_plugin_named`"""
 
@@ -126,7 +141,7 @@ class Own(ctypes.Structure):
     """`own_t`"""
 
     _fields_ = (
-        *[(name, _pointer) for name in ("estimator", "observe", "passed", "follow", "control", "commanded")],
+        *[(name, _pointer) for name in ("estimator", "observe", "passed", "follow", "control", "commanded", "trimmed")],
         *[(name, _pointer) for name in ("x", "variance", "row", "factors", "entries")],
         ("estimated", _int),
         ("volts", _double * 2),
@@ -150,10 +165,10 @@ class PluginState(ctypes.Structure):
     """`plugin_t`"""
 
     _fields_ = (
-        *[(name, _pointer) for name in ("observe", "observer", "control", "controller")],
+        *[(name, _pointer) for name in ("observe", "observer", "trimmed", "control", "controller")],
         ("own", Own),
-        *[(name, _pointer) for name in ("sample", "estimate", "drive")],
-        ("lent", Lent * 5),
+        *[(name, _pointer) for name in ("sample", "estimate", "drive", "trims")],
+        ("lent", Lent * 6),
         *[(name, _pointer) for name in ("row", "state", "variance", "declared")],
         ("states", _int),
         ("turned", Turned),
@@ -181,6 +196,7 @@ class Watch(ctypes.Structure):
 
 
 OBSERVE = ctypes.CFUNCTYPE(None, _pointer, _pointer, _pointer)
+TRIMMED = ctypes.CFUNCTYPE(None, _pointer, _pointer)
 CONTROL = ctypes.CFUNCTYPE(None, _pointer, _pointer, ctypes.c_int, _pointer)
 
 
@@ -191,7 +207,7 @@ def library() -> ctypes.CDLL:
         found = ctypes.CDLL(str(_PATH))
     except OSError as error:
         raise ImportError(f"{_PATH.name} of plug-ins cannot be loaded ({error}); run `make install`") from None
-    kinds: tuple[type[Any], ...] = (Device, Sample, Estimate, Drive, PluginState, Watch)
+    kinds: tuple[type[Any], ...] = (Device, Sample, Estimate, Drive, PluginState, Watch, Trims)
     expected = tuple(map(ctypes.sizeof, kinds))
     sizes = (ctypes.c_int64 * len(expected))()
     found.plugin_sizes(sizes)

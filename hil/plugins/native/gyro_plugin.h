@@ -122,6 +122,22 @@ GYRO_PLUGIN_EXPORT int gyro_plugin_option(void *instance, const char *name, doub
 /* Why it cannot go on, one line, asked for where its estimate's angle is not finite; NULL: it does not say. */
 GYRO_PLUGIN_EXPORT const char *gyro_plugin_why(const void *instance);
 
+#define GYRO_PLUGIN_TRIMS 8
+
+/* Trim electrodes of the board that the bench file declares, and the voltages that act: known input of an observer. */
+typedef struct gyro_plugin_trims {
+    int64_t count;
+    double volts[GYRO_PLUGIN_TRIMS];       /* in the middle of the interval that ends at the sample, as they settle */
+    double softening_per_s2_per_V2[GYRO_PLUGIN_TRIMS][3]; /* that V2 takes off of kxx, kyy, kxy, as declared */
+    double softening_u_per_s2_per_V2[GYRO_PLUGIN_TRIMS][3]; /* its standard uncertainty */
+    double settling_s[GYRO_PLUGIN_TRIMS];  /* time constant by which a voltage follows its output */
+    double softened_per_s2[3];             /* what all of them take off of kxx, kyy, kxy now */
+} gyro_plugin_trims;
+
+/* An observer's, called before gyro_plugin_observe: at the first sample, and wherever a voltage has changed. Without it
+ * a bench file with [trim] electrodes is refused. */
+GYRO_PLUGIN_EXPORT void gyro_plugin_trimmed(void *instance, const gyro_plugin_trims *trims);
+
 /* A figure of its own, for the result and the report. */
 typedef struct gyro_plugin_named {
     const char *name, *unit; /* up to 31 and 15 characters */

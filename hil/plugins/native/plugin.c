@@ -10,7 +10,7 @@
 #include "drive_table.h"
 
 /* Sizes of the structures, for Python to compare. */
-EXPORT void plugin_sizes(int64_t sizes[6])
+EXPORT void plugin_sizes(int64_t sizes[7])
 {
     sizes[0] = sizeof(gyro_plugin_device);
     sizes[1] = sizeof(gyro_plugin_sample);
@@ -18,6 +18,7 @@ EXPORT void plugin_sizes(int64_t sizes[6])
     sizes[3] = sizeof(gyro_plugin_drive);
     sizes[4] = sizeof(plugin_t);
     sizes[5] = sizeof(watch_t);
+    sizes[6] = sizeof(gyro_plugin_trims);
 }
 
 EXPORT int64_t plugin_watch(const watch_t *asked)
@@ -28,8 +29,9 @@ EXPORT int64_t plugin_watch(const watch_t *asked)
 /* Whether there is memory for all that is handed over; `sizes` of both instances. */
 EXPORT int64_t plugin_lend(plugin_t *plugin, const int64_t sizes[2])
 {
-    const int64_t all[5] = {sizes[0], sizes[1], sizeof *plugin->sample, sizeof *plugin->estimate, sizeof *plugin->drive};
-    for (int i = 0; i < 5; i++) {
+    const int64_t all[LENT] = {sizes[0], sizes[1], sizeof *plugin->sample, sizeof *plugin->estimate,
+                               sizeof *plugin->drive, sizeof *plugin->trims};
+    for (int i = 0; i < LENT; i++) {
         plugin->lent[i] = lend(all[i], i < 2 ? LINE : 16);
         if (plugin->lent[i].pages == NULL)
             return 0;
@@ -37,12 +39,13 @@ EXPORT int64_t plugin_lend(plugin_t *plugin, const int64_t sizes[2])
     plugin->sample = (void *)plugin->lent[2].at;
     plugin->estimate = (void *)plugin->lent[3].at;
     plugin->drive = (void *)plugin->lent[4].at;
+    plugin->trims = (void *)plugin->lent[5].at;
     return 1;
 }
 
 EXPORT void plugin_give_back(plugin_t *plugin)
 {
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < LENT; i++)
         give_back(&plugin->lent[i]);
 }
 

@@ -42,7 +42,7 @@ static bool came_back(plugin_t *plugin, int64_t part)
     int64_t taken_ns = time_ns(plugin) - entered_ns;
     if (plugin->raised)
         return wrong(plugin, part, FAULT_RAISED, 0, 0.0);
-    for (int i = 0; i < 5; i++)
+    for (int i = 0; i < LENT; i++)
         if (!is_whole(&plugin->lent[i]))
             return wrong(plugin, part, FAULT_OVERRUN, i, 0.0);
     if (taken_ns > plugin->limit_ns)
@@ -176,6 +176,26 @@ static void own_estimate(const plugin_t *plugin)
     estimate->quadrature_ratio = row[ROW_QUADRATURE];
 }
 
+/* The trim voltages of this sample, where the observer is told of them and they have changed; false where it went wrong. */
+static bool trimmed(plugin_t *plugin)
+{
+    gyro_plugin_trims *trims = plugin->trims;
+    double volts[GYRO_PLUGIN_TRIMS] = {0.0};
+    if (trims->count == 0)
+        return true;
+    plugin->own.trimmed(plugin->own.estimator, volts);
+    if (plugin->trimmed == NULL || (plugin->number > 0 && memcmp(volts, trims->volts, sizeof volts) == 0))
+        return true;
+    memcpy(trims->volts, volts, sizeof volts);
+    memset(trims->softened_per_s2, 0, sizeof trims->softened_per_s2);
+    for (int64_t k = 0; k < trims->count; k++)
+        for (int i = 0; i < 3; i++)
+            trims->softened_per_s2[i] += trims->softening_per_s2_per_V2[k][i] * volts[k] * volts[k];
+    enter(plugin, PART_OBSERVE);
+    plugin->trimmed(plugin->observer, trims);
+    return came_back(plugin, PART_OBSERVE);
+}
+
 /* One sample taken in; false where it went wrong. */
 static bool observed(plugin_t *plugin)
 {
@@ -185,6 +205,8 @@ static bool observed(plugin_t *plugin)
         plugin->given = plugin->withdrawn = 0;
     }
     blank(plugin);
+    if (!trimmed(plugin))
+        return false;
     enter(plugin, PART_OBSERVE);
     plugin->observe(plugin->observer, plugin->sample, plugin->estimate);
     if (!came_back(plugin, PART_OBSERVE) || !is_estimate(plugin))

@@ -13,6 +13,8 @@
 typedef void (*observe_fn)(void *instance, const gyro_plugin_sample *sample, gyro_plugin_estimate *estimate);
 typedef void (*control_fn)(void *instance, const gyro_plugin_estimate *estimate, int drive_on, gyro_plugin_drive *drive);
 
+typedef void (*trimmed_fn)(void *instance, const gyro_plugin_trims *trims);
+
 /* Memory lent to a plug-in: `size` bytes at `at`, marked before and behind, with pages around that nobody may touch. */
 typedef struct {
     uint8_t *pages; /* the first of them */
@@ -29,6 +31,7 @@ typedef struct {
     void (*follow)(void *estimator, const double *x);
     void (*control)(void *estimator, double codes[2]);
     void (*commanded)(void *estimator, const double codes[2], double virtual_rate);
+    void (*trimmed)(void *estimator, double *volts);
     const double *x;        /* scaled */
     const double *variance; /* scaled, (estimated, estimated) */
     const double *row;      /* the newest output */
@@ -38,6 +41,8 @@ typedef struct {
     double volts[2];        /* of a unit of length */
     double per_second;      /* scaled rate of 1 rad/s */
 } own_t;
+
+#define LENT 6 /* pieces of memory */
 
 /* What the pattern showed, to count its turns. */
 typedef struct {
@@ -55,6 +60,7 @@ typedef struct {
 typedef struct {
     observe_fn observe; /* NULL: the bench's own */
     void *observer;
+    trimmed_fn trimmed; /* of the observer; NULL: it is not told */
     control_fn control;
     void *controller;
     own_t own;
@@ -63,7 +69,8 @@ typedef struct {
     gyro_plugin_sample *sample;
     gyro_plugin_estimate *estimate;
     gyro_plugin_drive *drive;
-    lent_t lent[5]; /* instances of observer and controller, then the three above */
+    gyro_plugin_trims *trims;
+    lent_t lent[LENT]; /* instances of observer and controller, then the four above */
 
     /* where a plug-in's estimates go, SI: as the core's own row, state and covariance */
     double *row;

@@ -67,7 +67,7 @@ static bool is_guard(const void *place)
 {
     const uint8_t *at = place;
     const plugin_t *plugin = inside;
-    for (int i = 0; plugin != NULL && i < 5; i++) {
+    for (int i = 0; plugin != NULL && i < LENT; i++) {
         const lent_t *lent = &plugin->lent[i];
         if (lent->pages != NULL && at >= lent->pages && at < lent->pages + lent->length)
             return true;

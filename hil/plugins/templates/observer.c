@@ -27,6 +27,7 @@ typedef struct {
     double motion[4];  /* m: x, vx / omega, y, vy / omega */
     double offset[2];  /* V */
     double springs[3]; /* xx, yy, xy */
+    double softened[3]; /* of these, by trim electrodes */
     double rate, theta;
     double turned; /* of the pattern, by no force */
 } observer;
@@ -110,6 +111,16 @@ static void adapt(observer *own, const double *off)
     own->springs[1] += step * w * off[1] * m[3];
     own->springs[2] += step * w * 0.5 * (off[0] * m[3] + off[1] * m[1]);
     own->rate += step * 0.5 * (off[0] * m[2] - off[1] * m[0]) / own->device.angular_gain;
+}
+
+/* Called before gyro_plugin_observe where a trim voltage has changed: the springs follow it. */
+void gyro_plugin_trimmed(void *instance, const gyro_plugin_trims *trims)
+{
+    observer *own = instance;
+    for (int k = 0; k < 3; k++) {
+        own->springs[k] += own->softened[k] - trims->softened_per_s2[k];
+        own->softened[k] = trims->softened_per_s2[k];
+    }
 }
 
 void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_plugin_estimate *estimate)

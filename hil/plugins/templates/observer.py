@@ -35,6 +35,7 @@ class MyObserver:
         self.motion = (0.0, 0.0, 0.0, 0.0)  # m: x, vx / omega, y, vy / omega
         self.offset = [0.0, 0.0]  # V
         self.springs = list(device.stiffness_per_s2)  # xx, yy, xy
+        self.softened = (0.0, 0.0, 0.0)  # of these, by trim electrodes
         self.rate = 0.0
         self.theta = 0.0  # of the pattern, modulo a half turn
         self.turned = 0.0  # of it, by no force
@@ -63,6 +64,12 @@ class MyObserver:
             constants={"phi_x": self.offset[0], "phi_y": self.offset[1], "kxx": kxx, "kyy": kyy, "kxy": kxy},
             innovation=innovation,
         )
+
+    def trimmed(self, trims: hil.TrimVoltages) -> None:
+        """Called before `observe` where a trim voltage has changed: the springs follow it."""
+        for i, now in enumerate(trims.softened):
+            self.springs[i] += self.softened[i] - now
+        self.softened = trims.softened
 
     def _settled(self) -> bool:
         """Whether the motion is known."""
