@@ -3,6 +3,10 @@
 S-modern at 5 kHz at rest, its pattern turned by the virtual rotation; 1/f noise of sense, drive and bias.  `hil run`,
 then `hil characterise`; angle random walk and bias instability beside what was injected, the Allan deviation beside
 allantools, which reads the same rates.  An hour leaves 20 GB in F.  `--kept` reads a run that is there.
+
+The angle has a noise of its own, by the sense noise: 0.05 mrad, which is no walk.  It hides a walk over less than
+3 Q²/N² seconds, and 1/f noise hides it over more than N²/(B² 2 ln 2/π).  So the board's force noise is that of a
+temperature at which the walk shows in between; linear in that, as short runs without sense noise show, it is the walk.
 """
 
 import argparse
@@ -23,6 +27,7 @@ from hil.records.runfolder import RunFolder
 
 BIAS_1HZ, SENSE_1HZ, DRIVE_1HZ = 5e-6, 1e-6, 1e-5
 """1/f at 1 Hz: rad/s, V and m/s², each per √Hz."""
+TEMPERATURE_K = 2700.0
 BOLTZMANN = 1.380649e-23
 DEG_PER_H, DEG_PER_RTH = math.degrees(3600.0), math.degrees(60.0)
 RATE_S = 0.1
@@ -33,6 +38,7 @@ def written(folder: Path, seconds: float) -> Path:
     folder.mkdir(parents=True, exist_ok=True)
     board = find("scenario", "s-modern-5k").read_text(encoding="utf-8").partition("[rate]")[0]
     for line, more in (
+        ("mass_kg = 1e-8\n", f"temperature_K = {TEMPERATURE_K}\n"),
         ("position_m = [2e-6, 0.0]\n", f"bias_flicker_rad_s_at_1Hz = {BIAS_1HZ}\n"),
         ("noise_V = 5.6e-5\n", f"flicker_V_at_1Hz = {SENSE_1HZ}\n"),
         ("latency_samples = 1\n", f"flicker_mps2_at_1Hz = {DRIVE_1HZ}\n"),
@@ -68,8 +74,9 @@ def injected(board: Scenario) -> dict[str, float]:
     }
 
 
-def oracle(run: RunFolder, expected: dict[str, float]) -> None:
-    """Print the Allan deviation of means of 0.1 s by allantools beside white and 1/f noise as injected."""
+def oracle(run: RunFolder, expected: dict[str, float], angle_rad: float) -> None:
+    """Print the Allan deviation of means of 0.1 s by allantools beside white and 1/f noise as injected, and a noise of
+    the angle as it was read."""
     estimates = run.estimates
     assert estimates is not None
     t_s = np.asarray(estimates["tick"]) / 1e5
@@ -82,7 +89,7 @@ def oracle(run: RunFolder, expected: dict[str, float]) -> None:
         expected["bias_instability"] ** 2 * 2.0 * math.log(2.0) / math.pi,
     )
     for at, found, sd in zip(tau, deviation, error, strict=True):
-        told = math.sqrt(white / at + flicker)
+        told = math.sqrt(3.0 * angle_rad**2 / at**2 + white / at + flicker)
         print(
             f"allantools, {at:g} s: {found * DEG_PER_H:.3g} ± {2 * sd * DEG_PER_H:.2g} °/h; "
             f"injected {told * DEG_PER_H:.3g}"
@@ -106,8 +113,14 @@ def main() -> None:
     asked = [sys.executable, "-m", "hil", "characterise", str(place), "--out", str(given.folder / "sheets"), "--json"]
     told = subprocess.run(asked, capture_output=True, text=True, check=False)
     expected = injected(load(given.folder / "hour.scenario.toml"))
+    angle_rad = 0.0
     for row in json.loads(told.stdout)["rows"]:
         name = row["figure"]
+        if name == "quantisation" and row["value"] is not None:
+            angle_rad = row["value"]
+            print(f"noise of the angle: {angle_rad:.3g} ({row['low']:.3g} to {row['high']:.3g}) rad")
+        if name == "start_up":
+            print(f"start-up: {row['value']} s")
         if row["value"] is None or not (name in expected or name.endswith("theta") or name == "bias"):
             continue
         scale = DEG_PER_RTH if name == "angle_random_walk" else DEG_PER_H
@@ -115,7 +128,7 @@ def main() -> None:
         low, value, high = ((math.nan if row[key] is None else row[key]) * scale for key in ("low", "value", "high"))
         true = expected.get(name, 0.0) * scale
         print(f"{name}: {value:.4g} ({low:.4g} to {high:.4g}) {unit}; injected {true:.4g}")
-    oracle(RunFolder(place), expected)
+    oracle(RunFolder(place), expected, angle_rad)
 
 
 if __name__ == "__main__":

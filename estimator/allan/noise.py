@@ -4,7 +4,8 @@
 
 Q quantisation noise, N angle random walk (white noise of the rate), B bias instability (flicker), K rate random walk,
 R rate ramp. The sum is fitted with no term negative. It starts at the shortest cluster from which on it is borne out:
-a low-pass filter in the sensor keeps the shortest ones smaller than white noise would be.
+a low-pass filter in the sensor keeps the shortest ones smaller than white noise would be. Noise of an angle that is
+read directly, as a whole-angle gyro's, falls as quantisation noise does, also behind such a filter.
 """
 
 from dataclasses import dataclass
@@ -40,6 +41,7 @@ _CLEAR = 8.0  # where a filter was seen, the fit begins so much later: what it t
 _NEAR = 1.1  # times the lowest place of the curve
 _SHOWN = 2.0  # standard deviations that a term adds somewhere, or it is left out
 _WEIGHED = 0.005  # share to which any point is believed: nothing is that pure a sum
+_TWO_SIDED = 1.959964  # half width of a 95 % interval in standard deviations
 _LEAST_SPAN = 10.0  # longest cluster over the shortest one fitted, where a filter is left out
 
 
@@ -54,10 +56,11 @@ class Reading(NamedTuple):
 
 @dataclass(frozen=True)
 class Fit:
-    """Coefficients of the terms (rad, rad/√s, rad/s, rad/s^1.5, rad/s²), and where the fit begins."""
+    """Coefficients of the terms (rad, rad/√s, rad/s, rad/s^1.5, rad/s²), where the fit begins, which may be there."""
 
     coefficients: dict[Term, float]
     from_s: float
+    terms: tuple[Term, ...] = tuple(TERMS)
 
     def part(self, term: Term, tau_s: Floats) -> Floats:
         """A term's share of σ² (k,), in its unit."""
@@ -126,11 +129,16 @@ def find_fit(curve: AllanDeviation) -> Fit | None:
     for start in range(len(curve) - LEAST_POINTS + 1):
         if start and curve.tau_s[start] * _LEAST_SPAN > curve.tau_s[-1]:
             return None
-        fit = _fit_from(curve, start)
+        terms = list(TERMS)
+        fit = _fit_from(curve, start, terms)
+        at = curve.tau_s[start : start + 1]
+        if start and fit.part("quantisation", at)[0] < 0.5 * fit.deviation(at)[0] ** 2:
+            terms.remove("quantisation")  # of the rate's own noise: a filter hides what would tell it
+            fit = _fit_from(curve, start, terms)
         expected = fit.deviation(curve.tau_s[start:])
         within = (low[start:] <= (1.0 + _MODEL) * expected) & (high[start:] >= (1.0 - _MODEL) * expected)
         if within.all():
-            return fit if not start else _fit_from(curve, _clear_of_the_filter(curve, start))
+            return fit if not start else _fit_from(curve, _clear_of_the_filter(curve, start), terms)
     return None
 
 
@@ -141,10 +149,9 @@ def _clear_of_the_filter(curve: AllanDeviation, start: int) -> int:
     return int(min(np.flatnonzero(fits)[-1], len(curve) - LEAST_POINTS))
 
 
-def _fit_from(curve: AllanDeviation, start: int) -> Fit:
+def _fit_from(curve: AllanDeviation, start: int, terms: list[Term]) -> Fit:
     tau, deviation, relative_sd = (part[start:] for part in (curve.tau_s, curve.deviation, curve.relative_sd))
-    terms = [term for term in TERMS if not (start and term == "quantisation")]  # a filter hides what would tell it
-    return Fit(_fitted(terms, tau, deviation, relative_sd), float(tau[0]))
+    return Fit(_fitted(terms, tau, deviation, relative_sd), float(tau[0]), tuple(terms))
 
 
 def _fitted(terms: list[Term], tau_s: Floats, deviation: Floats, relative_sd: Floats) -> dict[Term, float]:
@@ -177,16 +184,37 @@ def _solved(terms: list[Term], tau_s: Floats, deviation: Floats, relative_sd: Fl
     return dict(zip(terms, squares.tolist(), strict=True))
 
 
+def _apart(curve: AllanDeviation, fit: Fit, term: Term) -> tuple[float, float]:
+    """95 % interval of a coefficient with each of the terms there: one that was left out may hide in it. Points closer
+    than an octave repeat one another."""
+    inside = curve.tau_s >= fit.from_s
+    tau, share = curve.tau_s[inside], 2.0 * np.hypot(curve.relative_sd[inside], _WEIGHED)
+    weight = 1.0 / (share * fit.deviation(tau) ** 2)
+    columns = (
+        np.stack([factor * tau**power for power, factor in map(TERMS.__getitem__, fit.terms)], 1) * weight[:, None]
+    )
+    scale = np.linalg.norm(columns, axis=0)
+    inverse = np.linalg.pinv(columns / scale)
+    repeated = max((tau.size - 1) / float(np.log2(tau[-1] / tau[0])), 1.0)
+    at = fit.terms.index(term)
+    row = inverse[at] / scale[at]
+    square = float(row @ (curve.deviation[inside] ** 2 * weight))
+    half = _TWO_SIDED * float(np.sqrt(repeated * row @ row))
+    return float(np.sqrt(max(square - half, 0.0))), float(np.sqrt(max(square + half, 0.0)))
+
+
 def _read(curve: AllanDeviation, fit: Fit, term: Term) -> Reading | None:
-    """The coefficient, as sure as the best point at which the term is at least half of σ²; None without one."""
+    """The coefficient, as sure as the best point at which the term is at least half of σ², and as it is told apart from
+    the others; None without such a point."""
     share = fit.part(term, curve.tau_s) / fit.deviation(curve.tau_s) ** 2
     usable = (share >= 0.5) & (curve.clusters >= TOLD_CLUSTERS) & (curve.tau_s >= fit.from_s)
     if not usable.any():
         return None
     best = int(np.argmin(np.where(usable, curve.relative_sd / np.maximum(share, 0.5), np.inf)))
-    value = fit.coefficients[term]
+    value, apart = fit.coefficients[term], _apart(curve, fit, term)
     low, high = (
         float(np.hypot(end[best] / curve.deviation[best] - 1.0, 2.0 * _WEIGHED) / share[best])
         for end in curve.interval(0.95)
     )
-    return Reading(value, value * max(1.0 - low, 0.0), value * (1.0 + high), float(curve.tau_s[best]))
+    low, high = min(value * max(1.0 - low, 0.0), apart[0]), max(value * (1.0 + high), apart[1])
+    return Reading(value, low, high, float(curve.tau_s[best]))

@@ -1,9 +1,11 @@
 """Least squares on a record in time order, whose errors need not be independent.
 
-The covariance is that of independent errors, times how much wider the means of long stretches of the residual scatter
-than independent errors would make them; the degrees of freedom fall by the same factor.
+The covariance is that of independent errors, wider for each coefficient by how much more the shares of long stretches
+in it scatter than independent errors would make them: so it follows the density of the errors at what the column does,
+a drift at the mean, a line at a harmonic. The degrees of freedom fall by the largest of these factors.
 """
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -14,6 +16,8 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 _STRETCHES = (100, 20)
+_SURELY, _MANY = 20.0, 1000.0
+"""Standard deviations beyond which a length is normal, and degrees of freedom beyond which the variance is known."""
 _INFLATED = 10.0
 """Variance inflation above which a coefficient is not told apart from those before it: Kutner, Nachtsheim, Neter & Li,
 Applied Linear Statistical Models, 5th ed., section 10.5."""
@@ -31,6 +35,29 @@ class Estimate(NamedTuple):
     def about(cls, value: float, half: float, said: str = "") -> "Estimate":
         """With an interval of that half width."""
         return cls(value, value - half, value + half, said)
+
+    @classmethod
+    def of_two(cls, first: float, second: float, sd: float, freedom: float) -> "Estimate":
+        """The length of two coefficients, each of that standard deviation, with the lengths that the one found denies
+        at neither end (noncentral F): of none the length is above 0 too, and Rice-distributed.
+        """
+        size = math.hypot(first, second)
+        if not sd > size / _SURELY:
+            half = sd * _quantile(freedom)
+            return cls(size, max(size - half, 0.0), size + half)
+        from scipy.optimize import brentq
+        from scipy.stats import ncf, ncx2
+
+        def below(true: float) -> float:
+            apart = (true / sd) ** 2
+            if freedom > _MANY:
+                return float(ncx2.cdf((size / sd) ** 2, 2, apart))
+            return float(ncf.cdf(0.5 * (size / sd) ** 2, 2, freedom, apart))
+
+        none, most = below(0.0), size + 2.0 * _SURELY * sd
+        low = brentq(lambda true: below(true) - 0.975, 0.0, size, xtol=1e-6 * sd) if none > 0.975 else 0.0
+        high = brentq(lambda true: below(true) - 0.025, 0.0, most, xtol=1e-6 * sd) if none > 0.025 else 0.0
+        return cls(size, float(low), max(float(high), size))
 
     @property
     def size(self) -> "Estimate":
@@ -57,9 +84,7 @@ class Fitted:
     @property
     def factor(self) -> float:
         """Half width of the 95 % interval over the standard deviation."""
-        from scipy.stats import t
-
-        return float(t.ppf(0.975, self.freedom))
+        return _quantile(self.freedom)
 
     def of(self, name: str) -> float:
         """A coefficient; 0 where the record could not tell it."""
@@ -75,6 +100,12 @@ class Fitted:
         if name not in self.names:
             return None
         return Estimate.about(scale * self.of(name), abs(scale) * self.factor * self.sd(name))
+
+
+def _quantile(freedom: float) -> float:
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, freedom))
 
 
 def fitted(columns: Mapping[str, Floats], values: Floats) -> Fitted | None:
@@ -99,20 +130,25 @@ def fitted(columns: Mapping[str, Floats], values: Floats) -> Fitted | None:
     found, _, _, _ = np.linalg.lstsq(matrix / scale, values, rcond=None)
     residual = values - (matrix / scale) @ found
     free = values.size - len(kept)
-    correlated = wider(residual)
     inverse = np.linalg.pinv((matrix / scale).T @ (matrix / scale))
-    covariance = correlated * float(residual @ residual) / free * inverse / np.outer(scale, scale)
+    each = np.array([wider(residual, row) for row in inverse @ (matrix / scale).T])
+    shared = np.sqrt(np.outer(each, each))
+    covariance = shared * float(residual @ residual) / free * inverse / np.outer(scale, scale)
+    correlated = float(each.max())
     confounded = tuple(name for name in columns if name not in kept)
     return Fitted(tuple(kept), found / scale, covariance, residual, max(free / correlated, 2.0), confounded)
 
 
-def wider(residual: Floats) -> float:
-    """Variance of the means of stretches over what independent errors would make it, 1 at least."""
-    square = float(np.mean(residual**2))
+def wider(residual: Floats, weight: Floats | None = None) -> float:
+    """Variance of a weighted sum of the residual (n,) by the sums over stretches, over what independent errors would
+    make it, 1 at least; `weight` (n,), of a mean without one.
+    """
+    shares = residual if weight is None else residual * weight
+    square = float(np.mean(residual**2)) * (1.0 if weight is None else float(np.mean(weight**2)))
     found = [1.0]
     for stretches in _STRETCHES:
         length = residual.size // stretches
         if length >= 2 and square > 0.0:
-            means = residual[: length * stretches].reshape(stretches, length).mean(1)
+            means = shares[: length * stretches].reshape(stretches, length).mean(1)
             found.append(float(np.mean(means**2)) * length / square)
     return max(found)

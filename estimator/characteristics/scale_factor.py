@@ -5,7 +5,6 @@
 b bias, s scale factor error, 2a/(1 + s) asymmetry (slope at positive less slope at negative rates), τ delay.
 """
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,8 +83,8 @@ class Line:
     def _harmonic(self, *names: str) -> Estimate | None:
         if not all(name in self.fit.names for name in names):
             return None
-        size = math.hypot(*(self.fit.of(name) for name in names))
-        return Estimate.about(size, self.fit.factor * self.fit.sd(*names)).size
+        first, second = (self.fit.of(name) for name in names)
+        return Estimate.of_two(first, second, self.fit.sd(*names), self.fit.freedom)
 
 
 def line(record: Stretches, harmonics: tuple[int, ...] = HARMONICS) -> Line | None:

@@ -178,6 +178,25 @@ def test_a_filter_in_the_sensor_is_left_out_of_the_fit():
     assert np.mean(covered) >= 0.85
 
 
+@pytest.mark.moderate
+def test_the_walk_of_an_angle_that_is_read_through_a_filter():
+    """A whole-angle gyro's: white noise of the rate, and noise of the angle itself with the memory of an observer.
+    Behind that memory it falls as one over the length, σ² = 3 s²/τ², and is no walk."""
+    n, walk, size, keep = 360_000, 0.01, 0.02, np.exp(-0.05)
+    covered, told = [], []
+    for seed in range(20):
+        step = size * np.sqrt(1.0 - keep**2) * np.random.default_rng(500 + seed).standard_normal(n + 1)
+        angle = lfilter([1.0], [1.0, -keep], step)
+        found = read_noise(curve(np.diff(angle) * RATE_HZ + white(n, seed, walk)))
+        if "white" in found.readings:
+            read, angles = found.readings["white"], found.readings["quantisation"]
+            covered.append(read.low <= walk <= read.high)
+            told.append(angles.low <= size <= angles.high)
+    assert len(covered) >= 15
+    assert np.mean(covered) >= 0.85
+    assert np.mean(told) >= 0.85
+
+
 def test_a_turning_sensor_is_no_noise():
     t = np.arange(20_000) / RATE_HZ
     found = read_noise(curve(white(20_000, 10, 0.01) + 5.0 * np.sin(2 * np.pi * 0.5 * t)))
