@@ -27,7 +27,7 @@ from hil.records.runfolder import RunFolder
 
 BIAS_1HZ, SENSE_1HZ, DRIVE_1HZ = 5e-6, 1e-6, 1e-5
 """1/f at 1 Hz: rad/s, V and m/s², each per √Hz."""
-TEMPERATURE_K = 2700.0
+TEMPERATURE_K = 1200.0
 BOLTZMANN = 1.380649e-23
 DEG_PER_H, DEG_PER_RTH = math.degrees(3600.0), math.degrees(60.0)
 RATE_S = 0.1

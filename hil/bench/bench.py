@@ -7,7 +7,7 @@ from typing import Any, Self
 
 from pydantic import BaseModel, model_validator
 
-from hil.bench.classic import CLASSIC, name_plugin
+from hil.bench.classic import name_plugin
 from hil.bench.improbable import beside
 from hil.bench.observer import BACKEND_BEFORE
 from hil.bench.plausible import implausible
@@ -58,10 +58,10 @@ class Bench(Tables):
             raise ValueError(
                 '[trim] electrodes: a board\'s own estimator does not get their voltages; use [loop] mode = "gain"'
             )
-        if self.trim.electrodes and self.controller.mode in CLASSIC:
+        if self.trim.electrodes and self.controller.mode == "force_to_rebalance":
             raise ValueError(
-                f'[trim] electrodes: the loops of [controller] mode = "{self.controller.mode}" estimate no springs to '
-                'null; use mode = "whole_angle", or leave the table out'
+                '[trim] electrodes: [controller] mode = "force_to_rebalance" holds the motion on one line, which shows '
+                "one spring of two; use another mode, or leave the table out"
             )
         if self.trim.control and not self.controller.enabled:
             raise ValueError("[trim] control: nulls what a closed loop shows; set [controller] enabled = true")

@@ -104,6 +104,30 @@ def test_it_is_nulled_whoever_drives_while_the_bench_observes(tmp_path, closed):
     assert drives[0] > 20.0 * drives[1]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("mode", "seconds"), [("classic_whole_angle", 14.0), ("mode_reversal", 26.0)])
+def test_the_classic_loops_are_trimmed_by_the_springs_that_they_follow(mode, seconds, tmp_path):
+    """The rate turns the pattern, or the exchange of axes the line, without a rate: its force would be driven too."""
+    drives, scenario = [], SCENARIO
+    if mode == "mode_reversal":
+        scenario = changed(tmp_path, "rate_rad_s = 0.5", "rate_rad_s = 0.0")
+    law = UNMODULATED | {"mode": mode}
+    for control in (False, True):
+        outcome, folder = run(tmp_path / str(control), scenario, seconds, controller=law, trim={"control": control})
+        assert outcome["stopped"] == ""
+        assert outcome["safety"]["confirmed"] is True
+        drives.append(drive_mps2(folder, 4000 * int(seconds - 2)))
+        if not control:
+            true = np.array([1594.93, 1563.35, 7.896]) / BENCH.device.mass_kg
+            last = folder.estimates.part(len(folder.estimates) - 800, len(folder.estimates))
+            names = [f"{name}_per_s2" for name in ("kxx", "kyy", "kxy")]
+            off, sd = (np.column_stack([last.columns[f"{sd}{name}"] for name in names]) for sd in ("", "sd_"))
+            assert np.mean(np.abs(off - true) < 2.0 * sd) > 0.9
+            assert np.all(sd < 1e-3 * BENCH.target_stiffness_per_s2)
+    assert np.all(np.abs(springs(folder)) < 2e-4)
+    assert drives[0] > 20.0 * drives[1]
+
+
 @pytest.mark.moderate
 def test_the_voltages_are_ramped_bounded_and_recorded(nulled):
     _, folder = nulled
@@ -249,9 +273,7 @@ def test_a_bench_file_and_a_board_have_to_agree(tmp_path):
         ({"trim": {"electrodes": ("x", "x", "y", "q+")}}, "twice"),
         ({"trim": {"softening_u": (0.1, 0.1)}}, "one per electrode"),
         ({"controller": {"enabled": False}}, "nulls what a closed loop shows"),
-        ({"controller": {"mode": "force_to_rebalance"}}, 'force_to_rebalance" estimate no springs'),
-        ({"controller": {"mode": "mode_reversal"}}, 'mode_reversal" estimate no springs'),
-        ({"controller": {"mode": "classic_whole_angle"}}, 'classic_whole_angle" estimate no springs'),
+        ({"controller": {"mode": "force_to_rebalance"}}, 'force_to_rebalance" holds the motion on one line'),
         ({"loop": {"mode": "board", "estimate_every": 250}}, "a board's own estimator does not get"),
     ],
 )

@@ -8,11 +8,13 @@
 
 #include "phases.h"
 #include "reversal.h"
+#include "springs.h"
 
 typedef struct {
     loops loops;
     start start;
     reversal exchange;
+    spring_fit springs;
     double running_s, angle, imposed, first_theta, rate;
     double recent; /* rate, over some time constants of its loop */
     double bias_sd;                /* rad/s, that the declared damping can cause */
@@ -149,11 +151,23 @@ static void tell(const classic *own, gyro_plugin_estimate *estimate)
     estimate->angle_u_rad = sqrt(sd * sd + own->walk2 * own->running_s + own->bias_sd * own->bias_sd * held_s * held_s);
     estimate->energy_ratio = all / (set * set);
     estimate->quadrature_ratio = 2.0 * creal(in->along) * cimag(in->across) / fmax(all, 1e-6 * set * set);
+    const spring_fit *springs = &own->springs;
+    for (int k = 0; k < 3; k++)
+        if (springs->weight > 0.0 && isfinite(springs->deviation[k])) {
+            estimate->state[GYRO_PLUGIN_KXX + k] = springs->springs[k];
+            estimate->deviation[GYRO_PLUGIN_KXX + k] = springs->deviation[k];
+        }
     if (own->start.phase < RUN) /* what is left of a motion that is not known yet is not noise */
         for (int axis = 0; axis < 2; axis++)
             estimate->innovation_deviation_V[axis] = fmax(in->device.noise_V, fabs(estimate->innovation_V[axis]));
     if (own->start.why[0] != '\0')
         estimate->angle_rad = (double)NAN;
+}
+
+void gyro_plugin_trimmed(void *instance, const gyro_plugin_trims *trims)
+{
+    classic *own = instance;
+    soften(&own->springs, &own->loops, trims);
 }
 
 void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_plugin_estimate *estimate)
@@ -169,6 +183,8 @@ void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_
             follow_pattern(in, sample->virtual_rotation_rad_s);
         else if ((int)in->given.mode == MODE_REVERSAL)
             exchange_axes(in, &own->exchange, own->running_s);
+        if ((int)in->given.mode != MODE_REVERSAL || own->exchange.settled)
+            follow_springs(&own->springs, in);
         read_out(own, sample->virtual_rotation_rad_s);
     }
     tell(own, estimate);
