@@ -12,15 +12,39 @@ from numpy.typing import NDArray
 
 from estimator.identify.model import Array
 
-QUIET = 1500  # samples at rest, for the noise
-_SWEEP, _DECAY = 6000, 2500
 _LEVELS = (0.03, 0.6)  # of the largest drive, one after another
 _FROM, _TO = 1.0 / 400.0, 0.42  # cycles a sample
-_BURST, _PATTERN = 2500, 4000
 _REACHED = 0.75  # of the limit, by a burst
-_LONG_DECAY = 24_000
 _LASTS = 5.0  # times of decay after which nothing is left to see
 _SEED = 20_260
+
+
+class Lengths(NamedTuple):
+    """Samples of each piece; free: decays between pieces, and ring_down: the last one, from the least that is played to
+    the most, by how long the motion lasts.
+    """
+
+    quiet: int = 1500  # at rest, for the noise
+    sweep: int = 6000
+    decay: int = 2500
+    burst: int = 2500
+    pattern: int = 4000
+    free: tuple[int, int] = (1500, 5000)
+    ring_down: tuple[int, int] = (3000, 24_000)
+
+    @property
+    def search(self) -> int:
+        """Rows of the table of a search."""
+        return self.quiet + 2 * len(_LEVELS) * (self.sweep + self.decay)
+
+    @property
+    def measurement(self) -> int:
+        """Rows of the table of a measurement, where the motion lasts longest."""
+        bursts = 4 * (self.burst + self.free[1]) + self.burst + self.ring_down[1]
+        return self.quiet + bursts + self.pattern + self.free[1]
+
+
+LENGTHS = Lengths()
 
 
 class Table(NamedTuple):
@@ -53,19 +77,19 @@ class _Plan:
         return Table(np.concatenate(self.parts), pieces, tuple(self.names))
 
 
-def search(largest: float) -> Table:
+def search(largest: float, lengths: Lengths) -> Table:
     """Rest, then sweeps along x and along y over all frequencies, each with a free decay, harder and harder."""
     plan = _Plan()
-    plan.rest("rest", QUIET)
-    rate = np.log(_TO / _FROM)
-    at = np.arange(_SWEEP) / _SWEEP
-    sweep = np.sin(2.0 * np.pi * _FROM * _SWEEP / rate * (np.exp(rate * at) - 1.0))
+    plan.rest("rest", lengths.quiet)
+    rate, samples = np.log(_TO / _FROM), lengths.sweep
+    at = np.arange(samples) / samples
+    sweep = np.sin(2.0 * np.pi * _FROM * samples / rate * (np.exp(rate * at) - 1.0))
     for level in _LEVELS:
         for axis in range(2):
-            forces = np.zeros((_SWEEP, 2))
+            forces = np.zeros((samples, 2))
             forces[:, axis] = level * largest * sweep
             plan.add(f"sweep {'xy'[axis]} {level:g}", forces)
-            plan.rest(f"decay {'xy'[axis]} {level:g}", _DECAY)
+            plan.rest(f"decay {'xy'[axis]} {level:g}", lengths.decay)
     return plan.table()
 
 
@@ -79,42 +103,46 @@ class Known(NamedTuple):
     gains: Array
 
 
-def measurement(known: Known, largest: float, limit_V: Array) -> Table:
+def measurement(known: Known, largest: float, limit_V: Array, lengths: Lengths) -> Table:
     """Bursts about the resonances along x and along y with free decays, a pseudo-random pattern on both axes, a small
     burst, and a long decay from as far as the limit lets the mass go.
     """
     plan, noise = _Plan(), np.random.default_rng(_SEED)
     lasting = int(_LASTS / max(known.decay, 1e-12))
-    free = int(np.clip(lasting, 1500, 5000))
-    plan.rest("rest", QUIET)
+    free = int(np.clip(lasting, *lengths.free))
+
+    def burst(axis: int, reached: float) -> Array:
+        return _burst(known, largest, limit_V, axis, reached, lengths.burst)
+
+    plan.rest("rest", lengths.quiet)
     for axis in range(2):
-        plan.add(f"burst {'xy'[axis]}", _burst(known, largest, limit_V, axis, 0.5 * _REACHED))
+        plan.add(f"burst {'xy'[axis]}", burst(axis, 0.5 * _REACHED))
         plan.rest(f"decay {'xy'[axis]}", free)
-    pattern = np.sign(noise.standard_normal((_PATTERN, 2)))
+    pattern = np.sign(noise.standard_normal((lengths.pattern, 2)))
     # A random pattern moves a mass by √samples where a tone does by samples / 2.
-    omega, steps = float(np.mean(known.resonances)), min(_PATTERN, 1.0 / max(known.decay, 1e-12))
+    omega, steps = float(np.mean(known.resonances)), min(lengths.pattern, 1.0 / max(known.decay, 1e-12))
     most = 0.2 * limit_V * omega / (np.abs(known.gains) * np.sqrt(steps))
     plan.add("pattern", pattern * np.minimum(most, 0.9 * largest))
     plan.rest("decay of the pattern", free)
     for axis in range(2):
-        plan.add(f"small burst {'xy'[axis]}", _burst(known, largest, limit_V, axis, 0.15))
+        plan.add(f"small burst {'xy'[axis]}", burst(axis, 0.15))
         plan.rest(f"small decay {'xy'[axis]}", free)
-    both = _burst(known, largest, limit_V, 0, _REACHED) + _burst(known, largest, limit_V, 1, 0.6 * _REACHED)
+    both = burst(0, _REACHED) + burst(1, 0.6 * _REACHED)
     plan.add("large burst", np.clip(both, -largest, largest))
-    plan.rest("ring-down", int(np.clip(lasting, 3000, _LONG_DECAY)))
+    plan.rest("ring-down", int(np.clip(lasting, *lengths.ring_down)))
     return plan.table()
 
 
-def _burst(known: Known, largest: float, limit_V: Array, axis: int, reached: float) -> Array:
+def _burst(known: Known, largest: float, limit_V: Array, axis: int, reached: float, samples: int) -> Array:
     """A short sweep over both resonances along one axis, that would bring the mass to a share of the limit."""
     low, high = float(np.min(known.resonances)), float(np.max(known.resonances))
-    steps = min(_BURST, 1.0 / max(known.decay, 1e-12))
+    steps = min(samples, 1.0 / max(known.decay, 1e-12))
     aside = np.pi / steps
-    rate = (high - low + 2.0 * aside) / _BURST
-    at = np.arange(_BURST)
+    rate = (high - low + 2.0 * aside) / samples
+    at = np.arange(samples)
     sweep = np.sin((low - aside) * at + 0.5 * rate * at**2)
     passing = min(np.sqrt(2.0 * np.pi / rate), steps)  # samples for which a resonance is driven in phase
     amplitude = 2.0 * np.mean((low, high)) * reached * limit_V[axis] / (abs(known.gains[axis]) * passing)
-    forces = np.zeros((_BURST, 2))
+    forces = np.zeros((samples, 2))
     forces[:, axis] = min(float(amplitude), largest) * sweep
     return forces

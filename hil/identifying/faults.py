@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from estimator.identify.model import NAMES
 from hil.bench import Bench
 from hil.identifying.findings import Findings
 from hil.identifying.recording import Sampled
@@ -20,10 +21,10 @@ _QUARTER = 0.12  # turns by which a response leads or lags where another quantit
 
 def faults_of(found: Findings, declared: Bench | None) -> tuple[str, ...]:
     """All of them; the first explains most."""
-    if dead := list(_dead(found)):
-        return tuple(dead)
     if crossed := list(_crossed(found)):
         return tuple(crossed)
+    if dead := list(_dead(found)):
+        return tuple(dead)
     return (*_delayed(found), *_signs(found, declared), *([] if declared is None else _scales(found, declared)))
 
 
@@ -58,9 +59,15 @@ def _dead(found: Findings) -> Iterator[str]:
 
 
 def _crossed(found: Findings) -> Iterator[str]:
-    shares = [abs(found.value(name)) for name in ("share_xy", "share_yx")]
-    if min(shares) > _CROSSED:
-        yield "the drive of x moves sense y, and that of y sense x: exchange the channels of sense or drive"
+    """By the gains of the other axes, which a record tells well even where those of its own are next to nothing."""
+    theta, covariance = found.fitted.theta, found.fitted.covariance
+    pairs = [[NAMES.index(name) for name in names] for names in (("gain_x", "share_xy"), ("gain_y", "share_yx"))]
+    for gain, share in pairs:
+        slope = theta[[share, gain]]
+        u = float(np.sqrt(slope @ covariance[np.ix_([gain, share], [gain, share])] @ slope))
+        if abs(theta[share]) <= _CROSSED or abs(theta[gain] * theta[share]) < _SURE * u:
+            return
+    yield "the drive of x moves sense y, and that of y sense x: exchange the channels of sense or drive"
 
 
 def _delayed(found: Findings) -> Iterator[str]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from estimator.identify.fit import Fitted, grown, innovations
 from estimator.identify.model import Array, Predictor
-from estimator.identify.schedule import QUIET, Known, Table, measurement, search
+from estimator.identify.schedule import LENGTHS, Known, Table, measurement, search
 from estimator.identify.start import NoMotionError, start
 from hil.boards.emulation import is_emulated
 from hil.boards.identity import identity_at
@@ -28,6 +28,7 @@ from hil.identifying.recording import (
     full_scale_mps2,
     full_scale_V,
     identity_of,
+    longest,
     played,
     sampled,
 )
@@ -81,7 +82,8 @@ def identify(request: IdentifyRequest, out: Path, progress: Watcher) -> Identifi
             raise InputError(f"{request.link}: a board of {identity.axes} axis; identify needs two")
         limit, largest = _limits(request, identity)
         clock = clock_of(identity, is_emulated(request.link))
-        experiment = Experiment(request.link, identity, largest, limit, clock)
+        experiment = Experiment(request.link, identity, largest, limit, clock, LENGTHS)
+        progress(Progress(longest(experiment), 0, 0))
         with _held_open(request.link):
             records, tables = _experiment(experiment, folder, progress)
     progress(Progress("fit", 0, 0))
@@ -106,17 +108,18 @@ def identify(request: IdentifyRequest, out: Path, progress: Watcher) -> Identifi
 
 
 def _experiment(experiment: Experiment, folder: Path, progress: Watcher) -> tuple[list[Sampled], list[Table | None]]:
-    table = search(experiment.largest)
+    lengths = experiment.lengths
+    table = search(experiment.largest, lengths)
     looked = sampled(_captured(played(experiment, table, folder, "search", progress)))
-    known = _known(looked)
-    table = measurement(known, experiment.largest, experiment.limit_V)
+    known = _known(looked, lengths.quiet)
+    table = measurement(known, experiment.largest, experiment.limit_V, lengths)
     measured = sampled(_captured(played(experiment, table, folder, "measure", progress)))
     return [looked, measured], [None, table]
 
 
-def _known(record: Sampled) -> Known:
-    """Where a search has found the resonances.  Raises InputError where nothing moved."""
-    rest, all_ = record.sense[:QUIET], record.sense
+def _known(record: Sampled, quiet: int) -> Known:
+    """Where a search has found the resonances, whose first rows are quiet.  Raises InputError where nothing moved."""
+    rest, all_ = record.sense[:quiet], record.sense
     noise = np.nanstd(np.diff(rest, axis=0), axis=0) / np.sqrt(2.0)
     if not np.any(np.nanstd(all_, axis=0) > 1.2 * noise):
         raise InputError(

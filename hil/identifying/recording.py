@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.identify.model import Piece, pieces
-from estimator.identify.schedule import Table
+from estimator.identify.schedule import Lengths, Table
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.errors.strict_toml import parse_table
+from hil.numbers import counted, quantity
 from hil.progress import Progress, Watcher
 from hil.records.capture import Capture, RowFlag
 from hil.records.runfolder import RunFolder
@@ -29,13 +30,16 @@ _AFTER = 64  # samples behind the table
 
 @dataclass(frozen=True)
 class Experiment:
-    """What may be done to a board: largest drive [m/s²], largest sense voltage (2,) [V], the clock, the link."""
+    """What may be done to a board: largest drive [m/s²], largest sense voltage (2,) [V], the clock, the link, how many
+    samples each piece has.
+    """
 
     link: str
     identity: Identity
     largest: float
     limit_V: Array
     clock: str
+    lengths: Lengths
     watchdog_s: float | None = None
 
 
@@ -63,6 +67,19 @@ def clock_of(identity: Identity, emulated: bool) -> str:
     if Capabilities.LOCKSTEP in able:
         return "lockstep"
     return "paced" if Capabilities.PACED in able or emulated else "real"
+
+
+def ticks(lengths: Lengths) -> int:
+    """Of an experiment on a device whose motion lasts longest; no other takes more."""
+    return lengths.search + lengths.measurement + 2 * _AFTER
+
+
+def longest(experiment: Experiment) -> str:
+    """How long it takes at most, in words."""
+    at_most = ticks(experiment.lengths)
+    seconds = quantity(at_most / experiment.identity.tick_rate_Hz, "s")
+    pace = ", in lockstep" if experiment.clock == "lockstep" else ""
+    return f"experiment: at most {counted(at_most, 'tick')}, {seconds} of bench time{pace}"
 
 
 def bench_of(experiment: Experiment, table: Path, rows: int, name: str) -> Bench:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from estimator.identify.schedule import LENGTHS
 from hil.bench import Bench, load_bench
 from hil.bench.examples import find
 from hil.boards.emulation import is_emulated, located
@@ -11,6 +12,8 @@ from hil.errors import InputError
 from hil.errors.arguments import names_of, require
 from hil.identifying.options import LocalIdentifyOptions
 from hil.identifying.predicted import Wishes
+from hil.identifying.recording import ticks
+from hil.numbers import counted
 from hil.options import chosen
 from hil.records.kind import fresh
 
@@ -75,4 +78,7 @@ def told(request: IdentifyRequest) -> str:
     """What the experiment brings the board, in a line."""
     drive = "0.9 of its range" if request.drive_limit_mps2 is None else f"{request.drive_limit_mps2:g} m/s²"
     sense = "0.6 of its range" if request.sense_limit_V is None else f"{request.sense_limit_V:g} V"
-    return f"sweeps, bursts and a random pattern up to {drive}; nothing is driven on beyond a sense voltage of {sense}"
+    return (
+        f"sweeps, bursts and a random pattern up to {drive}, for at most {counted(ticks(LENGTHS), 'tick')}; "
+        f"nothing is driven on beyond a sense voltage of {sense}"
+    )
