@@ -1,8 +1,11 @@
 """What hil identify predicts of emulated boards over what they do: `python -m evaluation.identifying.advised`.
 
 Boards are drawn as in `evaluation.identifying`.  Each is identified; its bench file then runs on the same board.
-Noise: of the reported angle, at a constant rate.  Bandwidths: sines of the rate about those predicted, to which the
-estimates are fitted.  Margin: runs in which the drive acts later than IDENTITY says, in steps of a tenth of it.
+Noise: of the reported angle at a constant rate, less its drift, which is a bias, between instants so far apart that the
+predicted noise and random walk add up, and over so many memories that it scatters by a few percent; its standard
+uncertainty is told, by parts that are long enough to be independent.
+Bandwidths: sines of the rate about those predicted, to which the estimates are fitted.
+Margin: runs in which the drive acts later than IDENTITY says, in steps of a tenth of it.
 """
 
 import argparse
@@ -32,10 +35,11 @@ from hil.records.estimates import Estimates
 from hil.running.options import LocalRunOptions
 from hil.running.request import request_of as run_request
 
-_SETTLE, _STILL, _SINE = 3.0, 12.0, 2.0  # memories
+_SETTLE, _STILL, _SINE = 3.0, 360.0, 2.0  # memories
+_BLOCK = 12.0  # of them, in which the noise is taken by itself: how it scatters is its interval
 _ABOUT = (0.8, 1.25)  # of a predicted bandwidth
 _LATE, _FARTHEST = 0.1, 0.45  # of a predicted margin
-_LAG = 0.5  # memories, over which the angle's noise is taken
+_LAG = 2.0  # memories, over which the angle's noise is taken: beyond it two estimates have little in common
 _WITHIN = 0.2
 
 
@@ -70,7 +74,10 @@ def ran(bench: Bench, drawn: Drawn, memories: float, folder: Path, change: str) 
 
 
 def turned(bench: Bench, drawn: Drawn, found: Prediction, ratio: float, folder: Path) -> dict[str, float]:
-    """Noise of the angle [rad] over the lag, and bandwidths [Hz], of one run; ratio: sense noise over amplitude."""
+    """Noise of the angle [rad] over the lag with its standard uncertainty, and bandwidths [Hz], of one run.
+
+    ratio: sense noise over amplitude.
+    """
     memory, rate = bench.memory_s, drawn.truth["rate"]
     bandwidths = {"rate": found.rate_bandwidth_Hz, "angle": found.angle_bandwidth_Hz}
     sines = [(name, share * hertz) for name, hertz in bandwidths.items() if math.isfinite(hertz) for share in _ABOUT]
@@ -85,7 +92,11 @@ def turned(bench: Bench, drawn: Drawn, found: Prediction, ratio: float, folder: 
     still = (time_s > (_SETTLE + 0.1) * memory) & (time_s < (_SETTLE + _STILL) * memory)
     error = table["angle_rad"][still] - rate * time_s[still]
     lag = round(_LAG * memory / (time_s[1] - time_s[0]))
-    measured = {"noise": float(np.sqrt(0.5 * np.mean((error[lag:] - error[:-lag]) ** 2)))}
+    grown = error[lag:] - error[:-lag]
+    squares = 0.5 * (grown - np.mean(grown)) ** 2
+    parts = [float(np.mean(part)) for part in np.array_split(squares, round(_STILL / _BLOCK))]
+    measured = {"noise": float(np.sqrt(np.mean(squares)))}
+    measured["noise_u"] = 0.5 * float(np.std(parts, ddof=1)) / math.sqrt(len(parts)) / measured["noise"]
     gains: dict[str, list[tuple[float, float]]] = {}
     for k, (name, hertz) in enumerate(sines):
         begin = _SETTLE + _STILL + _SINE * k
@@ -141,6 +152,7 @@ def of_board(seed: int, folder: Path) -> dict[str, Any]:
         figures["margin"] = told.delay_margin_s
         measured["margin"] = margin_of(bench, drawn, told.delay_margin_s, folder)
     ratios = {name: value / measured[name] for name, value in figures.items() if name in measured}
+    ratios["noise_u"] = ratios["noise"] * measured["noise_u"] / measured["noise"]
     return {"seed": seed, "predicted": told._asdict(), "measured": measured, "ratio": ratios, "cpu_s": spent}
 
 
