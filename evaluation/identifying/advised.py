@@ -35,7 +35,7 @@ from hil.records.estimates import Estimates
 from hil.running.options import LocalRunOptions
 from hil.running.request import request_of as run_request
 
-_SETTLE, _STILL, _SINE = 3.0, 360.0, 2.0  # memories
+_SETTLE, _STILL, _SINE = 3.0, 120.0, 2.0  # memories
 _BLOCK = 12.0  # of them, in which the noise is taken by itself: how it scatters is its interval
 _ABOUT = (0.8, 1.25)  # of a predicted bandwidth
 _LATE, _FARTHEST = 0.1, 0.45  # of a predicted margin

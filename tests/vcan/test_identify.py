@@ -1,0 +1,141 @@
+"""`hil identify` of the C board over a CAN interface, the bus watched by can-utils' candump and read from the DBC."""
+
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
+from typing import Any, NamedTuple
+
+import pytest
+
+from estimator.identify import derived, fit  # noqa: F401 - loaded, so that a fork has it
+from hil.cli import execute
+from hil.cli import identify as _verb  # noqa: F401
+from hil.identifying import identify as identifying
+from hil.identifying import page
+from hil.running import supervision  # noqa: F401 - loaded, so that its process is a fork
+from hil.testing.board_rules.served import Board
+from hil.wire.messages import SafeReason, State
+from tests.firmware.test_identify import SHARE, SHORT
+from tests.firmware.test_run import SLOW
+from tests.forked import Forked
+from tests.vcan.test_run import PATIENCE_S, heard, serving, watching
+
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.usefixtures("no_report", "short"),
+    pytest.mark.skipif(shutil.which("candump") is None, reason="candump is missing: sudo apt install can-utils"),
+]
+
+LIMIT = int(SHARE * 2**15)
+LIMITS = ("--drive-limit", str(SHARE * 10.0), "--sense-limit", "0.1")
+DRIVEN = b" 100##"  # DRIVE_FORCE, as candump writes it
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shorter experiment, in this process, without a page."""
+    monkeypatch.setattr(identifying, "LENGTHS", SHORT)
+    monkeypatch.setattr(page, "write_page", lambda *_: None)
+
+
+def board(c_board: Path) -> Board:
+    """One that stands still, at 3 kHz."""
+    return Board([str(c_board), "--link", "can:vcan0", "--rate", "0", "--sample-rate", "3000"])
+
+
+class Bus(NamedTuple):
+    """largest: drive code on it; driven: drives of the host that were not zero; stops: why the board was SAFE by its
+    own word, for each ARM; left_armed: whether it was in the end.
+    """
+
+    largest: int
+    driven: int
+    stops: list[int]
+    left_armed: bool
+
+
+def bus_of(log: Path) -> Bus:
+    """What candump heard."""
+    largest = driven = 0
+    stops: list[int] = []
+    armed = False
+    for name, signals, _ in heard(log):
+        if name == "DRIVE_FORCE":
+            code = max(abs(signals["ux"]), abs(signals["uy"]))
+            assert armed or not code
+            largest, driven = max(largest, code), driven + (code > 0)
+        elif name == "SENSE":
+            largest = max(largest, abs(signals["ux_0"]), abs(signals["uy_0"]))
+        elif name == "ARM":
+            armed = True
+        elif name == "STATUS" and armed and signals["state"] == State.SAFE:
+            armed = False
+            stops.append(signals["reason"])
+    return Bus(largest, driven, stops, armed)
+
+
+def test_it_is_found_within_its_limits_and_left_safe(
+    c_board: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = tmp_path / "bus.log"
+    with serving(board(c_board)) as url, watching(log):
+        capsys.readouterr()
+        words = ["identify", url, "--arm", "--json", "-o", str(tmp_path / "my.bench.toml"), "--runs", str(tmp_path)]
+        code = execute([*words, *LIMITS])
+        said = capsys.readouterr()
+    assert code == 0, said.err
+    found = json.loads(said.out)
+    assert found["latency_ticks"] == {"measured": 1, "identity": 1}
+    truth = {name: SLOW[name] for name in ("kxx", "kyy", "kxy", "dxx", "dyy", "dxy")} | {"gain_x": 1e3, "gain_y": 1e3}
+    for name, value in truth.items():
+        one = found["constants"][name]
+        assert abs(one["value"] - value) < 4.0 * one["u"], name
+    bus = bus_of(log)
+    assert 0 < bus.largest <= LIMIT
+    assert bus.driven > 1000
+    assert (bus.stops, bus.left_armed) == ([SafeReason.HOST_REQUEST] * 2, False)
+
+
+@pytest.mark.parametrize("ended", ["interrupted", "loop killed", "board killed"])
+def test_every_other_way_out_ends_in_safe(c_board: Path, tmp_path: Path, ended: str) -> None:
+    log, served = tmp_path / "bus.log", board(c_board)
+    words = [sys.executable, "-m", "hil", "identify", served.url, "--arm", "-o", str(tmp_path / "my.bench.toml")]
+    pipes: dict[str, Any] = {"stdin": DEVNULL, "stdout": PIPE, "stderr": PIPE, "text": True}
+    start = Popen if ended == "interrupted" else Forked  # one that is signalled starts as it is
+    with (
+        serving(served),
+        watching(log),
+        start([*words, "--runs", str(tmp_path), *LIMITS], **pipes) as host,
+    ):
+        end = time.monotonic() + PATIENCE_S
+        while log.read_bytes().count(DRIVEN) < 2000:
+            assert time.monotonic() < end, "no drive"
+            assert host.poll() is None, host.communicate()
+            time.sleep(0.2)
+        if ended == "interrupted":
+            host.send_signal(signal.SIGINT)
+        elif ended == "loop killed":
+            (loop,) = Path(f"/proc/{host.pid}/task/{host.pid}/children").read_text().split()
+            os.kill(int(loop), signal.SIGKILL)
+        else:
+            assert served.process is not None
+            served.process.kill()
+        out, err = host.communicate(timeout=PATIENCE_S)
+    bus = bus_of(log)
+    assert 0 < bus.largest <= LIMIT
+    assert out == ""
+    assert "Traceback" not in err
+    assert not (tmp_path / "my.bench.toml").exists()
+    if ended == "board killed":
+        assert host.returncode == 2
+        return
+    assert not bus.left_armed
+    assert len(bus.stops) == 1
+    if ended == "interrupted":
+        assert (host.returncode, bus.stops) == (130, [SafeReason.INTERRUPTED])
+        assert "SAFE was confirmed" in err
