@@ -16,8 +16,8 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 
 _STRETCHES = (100, 20)
-_SURELY, _MANY = 20.0, 1000.0
-"""Standard deviations beyond which a length is normal, and degrees of freedom beyond which the variance is known."""
+_SURELY, _TWO_SIDED = 20.0, 1.959964
+"""Standard deviations beyond which a length is normal; half width of a 95 % interval of one that is."""
 _INFLATED = 10.0
 """Variance inflation above which a coefficient is not told apart from those before it: Kutner, Nachtsheim, Neter & Li,
 Applied Linear Statistical Models, 5th ed., section 10.5."""
@@ -39,25 +39,24 @@ class Estimate(NamedTuple):
     @classmethod
     def of_two(cls, first: float, second: float, sd: float, freedom: float) -> "Estimate":
         """The length of two coefficients, each of that standard deviation, with the lengths that the one found denies
-        at neither end (noncentral F): of none the length is above 0 too, and Rice-distributed.
+        at neither end: of none the length is above 0 too, and Rice-distributed. One found below the median of none
+        denies no more than that would. Few degrees of freedom widen the deviation as they do Student's.
         """
-        size = math.hypot(first, second)
-        if not sd > size / _SURELY:
-            half = sd * _quantile(freedom)
-            return cls(size, max(size - half, 0.0), size + half)
+        size, wide = math.hypot(first, second), sd * _quantile(freedom) / _TWO_SIDED
+        if not wide > size / _SURELY:
+            return cls(size, size - _TWO_SIDED * wide, size + _TWO_SIDED * wide)
         from scipy.optimize import brentq
-        from scipy.stats import ncf, ncx2
+        from scipy.stats import ncx2
 
-        def below(true: float) -> float:
-            apart = (true / sd) ** 2
-            if freedom > _MANY:
-                return float(ncx2.cdf((size / sd) ** 2, 2, apart))
-            return float(ncf.cdf(0.5 * (size / sd) ** 2, 2, freedom, apart))
+        def below(seen: float, true: float) -> float:
+            return float(ncx2.cdf((seen / wide) ** 2, 2, (true / wide) ** 2))
 
-        none, most = below(0.0), size + 2.0 * _SURELY * sd
-        low = brentq(lambda true: below(true) - 0.975, 0.0, size, xtol=1e-6 * sd) if none > 0.975 else 0.0
-        high = brentq(lambda true: below(true) - 0.025, 0.0, most, xtol=1e-6 * sd) if none > 0.025 else 0.0
-        return cls(size, float(low), max(float(high), size))
+        denying, near = max(size, wide * math.sqrt(2.0 * math.log(2.0))), 1e-6 * wide
+        high = brentq(lambda true: below(denying, true) - 0.025, 0.0, denying + 10.0 * wide, xtol=near)
+        low = 0.0
+        if below(size, 0.0) > 0.975:
+            low = brentq(lambda true: below(size, true) - 0.975, 0.0, size, xtol=near)
+        return cls(size, float(low), float(high))
 
     @property
     def size(self) -> "Estimate":

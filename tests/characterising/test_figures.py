@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.signal import butter, lfilter
+from scipy.stats import rice
 
 from estimator.characteristics.angle_map import AngleMap, Correction, pattern_angle
 from estimator.characteristics.regression import Estimate, fitted
@@ -166,6 +167,20 @@ def test_harmonics_over_the_angle():
     half = turned[:60] * 0 + 0.1
     few = stretches(half, half, pattern=pattern_columns(np.linspace(0, 0.3, 60), half))
     assert line(few).angles == ()
+
+
+@pytest.mark.parametrize("size", [0.5, 1.0, 2.0, 3.0, 5.0, 12.0])
+def test_the_interval_of_a_length_is_that_of_rice(size):
+    """Beside SciPy's Rice distribution, by the lengths that the one found denies; wider of few degrees of freedom."""
+    found = Estimate.of_two(0.6 * size, 0.8 * size, 1.0, 1e6)
+    if found.low > 0.0:
+        assert rice.sf(size, found.low) == pytest.approx(0.025, abs=1e-4)
+    else:
+        assert rice.sf(size, 0.0) > 0.025
+    assert rice.cdf(max(size, rice.median(0.0)), found.high) == pytest.approx(0.025, abs=1e-4)
+    few = Estimate.of_two(0.6 * size, 0.8 * size, 1.0, 2.0)
+    assert 0.0 <= few.low <= found.low
+    assert few.high > found.high
 
 
 @pytest.mark.moderate
