@@ -36,7 +36,7 @@ _TRIMMED = tuple(
 )
 _GUARDS = tuple(f"limits.{key}" for key in ("overtime", "rearm", "standstill_s"))
 _MACHINE = ("limits.late_fraction", "limits.lost_fraction")
-_JUDGED = tuple(f"limits.{key}" for key in ("angle_rad", "energy_error", "quadrature", "invalid_fraction"))
+_JUDGED = ("limits.energy_error", "limits.quadrature", "limits.invalid_fraction")
 _SHEET = {f"limits.{figure.key}": "hil characterise holds its figures against it" for figure in FIGURES}
 _MAP = "device.calibration.angle_map"
 _CALIBRATION = (
@@ -68,12 +68,11 @@ NOT_OF: dict[Verb, dict[str, str]] = {
         **dict.fromkeys((*_BOARD, "loop.duration_s"), _OF_A_BOARD),
         **dict.fromkeys((*_CONTROL, *_TRIMMED, "controller.mode", "controller.dither_mps2"), _DRIVEN),
         **dict.fromkeys((*_GUARDS, "limits.residual_safe"), _STOPPED),
-        **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
+        **dict.fromkeys((*_MACHINE, "limits.angle_rad", *_JUDGED), _VERDICT),
         **dict.fromkeys(("loop.estimate_every", "loop.covariance_every"), "every sample is used"),
         **dict.fromkeys(_CALIBRATION, "only the angle's uncertainty needs it"),
         _MAP: "no angle is reported",
         "device.normalised": "a trace reports effects per unit mass",
-        "observer.plugin": "a trace fits the bench's own model",
     },
     "compare": {
         **_SHEET,
@@ -82,7 +81,7 @@ NOT_OF: dict[Verb, dict[str, str]] = {
         ),
         **dict.fromkeys((*_STEPS, _PLUGIN, *_LOOPS, *_TRIMMED), _DRIVEN),
         **dict.fromkeys(_GUARDS, _STOPPED),
-        **dict.fromkeys((*_MACHINE, *_JUDGED, "limits.innovation_ratio"), _VERDICT),
+        **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
         "loop.covariance_every": "no covariance is kept",
         "device.normalised": "parameters are compared per unit mass",
     },
