@@ -18,8 +18,8 @@ LIBRARIES = {
         *(f"firmware/src/hil_{name}.c" for name in ("spec", "frame", "crc32c")),
     ),
     "hil/plugins/native/libplugin.so.1": ("hil/plugins/native/plugin.c",),
-    "hil/plugins/native/libslow_flow.so.1": ("hil/plugins/native/slow_flow/slow_flow.c",),
-    "hil/plugins/native/libclassic.so.1": ("hil/plugins/native/classic/classic.c",),
+    "hil/plugins/native/libslow_flow.so.1": ("hil/plugins/shipped/slow_flow/slow_flow.c",),
+    "hil/plugins/native/libclassic.so.1": ("hil/plugins/shipped/classic/classic.c",),
     "hil/running/native/libturn.so.1": ("hil/running/native/turn.c", "firmware/src/hil_spec.c"),
 }
 """What is built beside the core, from which sources; paths from the root of the project."""

@@ -21,7 +21,7 @@ from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import Drawn, keep, recorded
 from evaluation.undeclared.tracing import trace_all
 from hil.bench import Bench
-from hil.errors.strict_toml import parse_table
+from hil.toml.strict import parse_table
 
 SAMPLES, DRAW = 80_000, 1
 FOLDER = Path("runs/calm")

@@ -27,9 +27,9 @@ import numpy as np
 
 import hil
 from benchmarks.row import Row, Say
-from hil.errors.strict_toml import parse_table
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import plan_of, toml_of
+from hil.toml.strict import parse_table
 
 KILLS = 10
 TURNS = 3

@@ -27,8 +27,8 @@ from evaluation.undeclared.record import write_capture
 from evaluation.undeclared.tracing import trace_all
 from hil.bench import Bench, override
 from hil.bench.template import template, values_of
-from hil.errors.strict_toml import parse_table
 from hil.records.atomic import write_text
+from hil.toml.strict import parse_table
 
 SAMPLES, DRAW = 24_000, 1
 FOLDER = Path("runs/symmetries")

@@ -98,4 +98,4 @@ def test_only_who_calls_the_core_takes_the_arrays_of_an_observer() -> None:
         for path in (ROOT / room).rglob("*.py"):
             text = path.read_text(encoding="utf-8")
             if "observer.arrays" in text or "loop.arrays" in text:
-                assert "from estimator.core" in text or path.parent.name == "codegen", path
+                assert "from estimator.core" in text or path.parent.name == "generating", path

@@ -83,8 +83,8 @@ STRUCTURE = {
     # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
     "estimator/trace/symmetries.py",
     "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
-    "hil/bench/toml.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
-    "estimator/rate_sensor/surroundings.py", "hil/codegen/written.py",
+    "hil/toml/text.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
+    "estimator/rate_sensor/surroundings.py", "hil/generating/written.py",
 }  # fmt: skip
 
 

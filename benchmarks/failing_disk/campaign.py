@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 from benchmarks.failing_disk.disk import FAULTS, HARMLESS, REMOVES, Disk, Fault
 from hil.bench import examples, load_bench, override
 from hil.bench.template import template, values_of
-from hil.bench.toml import toml_value
 from hil.boards.emulation import emulator
 from hil.errors import InputError
-from hil.errors.strict_toml import read_table
 from hil.records.check import check
+from hil.toml.strict import read_table
+from hil.toml.text import toml_value
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.links import open_link

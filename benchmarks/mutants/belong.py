@@ -134,7 +134,7 @@ TESTS: dict[str, list[str]] = {
     "hil.running.preflight": ["tests/running/test_preflight.py"],
     "hil.running.signs": _SIGNS,
     "hil.running.stopping": ["tests/running/test_stopping_clock.py"],
-    "hil.running.stops": _STOPS,
+    "hil.running.safety": _STOPS,
     "hil.records.answers": ["tests/records/test_answers_by_hand.py", "tests/records/test_answer_count.py"],
     "hil.records.blocks": _BLOCKS,
     "hil.records.check": ["tests/records/test_check_rules.py"],

@@ -71,13 +71,13 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     from hil.bench import Bench
     from hil.bench.template import template, values_of
     from hil.errors import InputError
-    from hil.errors.strict_toml import parse_table
     from hil.records.atomic import write_text
     from hil.records.result import load_result
     from hil.records.runfolder import RunFolder
     from hil.running.request import RunRequest
     from hil.running.run import run
     from hil.scoring.score import score
+    from hil.toml.strict import parse_table
 
     place = folder / f"{order.draw}-{order.name}"
     shutil.rmtree(place, ignore_errors=True)

@@ -29,10 +29,10 @@ from evaluation.undeclared.population import Order
 from hil.bench import Bench
 from hil.bench.template import template, values_of
 from hil.errors import InputError
-from hil.errors.strict_toml import parse_table
 from hil.records.atomic import write_text
 from hil.records.capture import board_layout, import_layout
 from hil.records.stream import BlockWriter
+from hil.toml.strict import parse_table
 
 SAMPLES = 60_000
 _ATTEMPTS = 20

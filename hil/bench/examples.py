@@ -9,7 +9,7 @@ from typing import Any
 
 from hil.errors import InputError
 from hil.errors.arguments import path_of
-from hil.errors.strict_toml import suggestion
+from hil.toml.strict import suggestion
 
 
 def directory() -> Path:

@@ -10,8 +10,8 @@ from hil.bench.field_units import other_keys
 from hil.bench.own import own_table
 from hil.bench.section import Section
 from hil.bench.text import keys, meaning, others, sections
-from hil.bench.toml import toml_key, toml_value
 from hil.records.units import unit_of
+from hil.toml.text import toml_key, toml_value
 
 Values = Mapping[str, Mapping[str, Any]]
 

@@ -76,9 +76,9 @@ def init(
     from hil.bench.template import IN_MPS2, missing, put_in, template, values_of
     from hil.cli.show import echo_figures, print_echo, print_json, say
     from hil.errors import InputError
-    from hil.errors.strict_toml import parse_table, table_of
     from hil.records.atomic import write_text
     from hil.records.kind import fresh
+    from hil.toml.strict import parse_table, table_of
 
     if plugin is not None:
         _write_plugin(plugin, out, replace=replace, as_json=json)

@@ -13,11 +13,11 @@ from estimator.scaling import Array
 from hil.bench import Bench, override
 from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse
 from hil.comparing.record import Given
-from hil.errors.strict_toml import parse_table
 from hil.inputs.captured import gaps_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.plugins.of_bench import recorded_observer
 from hil.records.methods import MethodKind
+from hil.toml.strict import parse_table
 from hil.verdict.budget import combined, contributions
 from hil.verdict.uncertainty import Sources
 

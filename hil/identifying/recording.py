@@ -11,14 +11,14 @@ from estimator.identify.model import Piece, pieces
 from estimator.identify.schedule import Lengths, Table
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.errors.strict_toml import parse_table
 from hil.numbers import counted, quantity
 from hil.progress import Progress, Watcher
 from hil.records.capture import Capture, RowFlag
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import run
-from hil.running.stops import alarm_of
+from hil.running.safety import alarm_of
+from hil.toml.strict import parse_table
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import Capabilities, Identity
 

@@ -7,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from hil.errors.strict_toml import read_toml
 from hil.importing.band import Band
 from hil.importing.channels import COMPONENTS, OWN, dimension_of, fault_in
 from hil.importing.units import (
@@ -20,6 +19,7 @@ from hil.importing.units import (
     require_own_unit,
 )
 from hil.records.capture import Hold
+from hil.toml.strict import read_toml
 
 Mark = Annotated[str, Field(min_length=1, max_length=1)]
 Rows = Annotated[

@@ -7,8 +7,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.errors.strict_toml import near_or_all
 from hil.importing.mapping import Name
+from hil.toml.strict import near_or_all
 
 Values = npt.NDArray[Any]
 

@@ -6,8 +6,8 @@ import re
 from collections.abc import Sequence
 from functools import cache
 
-from hil.bench.toml import toml_value
 from hil.importing.mapping import RecordMap
+from hil.toml.text import toml_value
 
 _LONGEST, _LONGEST_WORD = 131_072, 24
 THOUSANDS = (",", ".", "'", "\u2019", " ", "\u00a0", "\u202f")

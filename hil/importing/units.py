@@ -2,8 +2,8 @@
 
 from typing import NamedTuple
 
-from hil.errors.strict_toml import suggestion
 from hil.records.units import LEVELS
+from hil.toml.strict import suggestion
 
 _TURN_RAD = 6.283185307179586
 _G = 9.80665

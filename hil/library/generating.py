@@ -14,7 +14,7 @@ from hil.wire.messages import Identity
 from hil.wire.spec import SPEC
 
 if TYPE_CHECKING:
-    from hil.codegen.c_code import Generated
+    from hil.generating.c_code import Generated
 
 _BITS = 16
 
@@ -40,7 +40,7 @@ def generate(
     """
     if link is not None and (sense_scale is not None or drive_scale is not None):
         raise InputError("--link: the board tells its scales; take --sense-scale and --drive-scale out")
-    from hil.codegen.c_code import generate as write
+    from hil.generating.c_code import generate as write
 
     declared, place = (bench, "the bench") if isinstance(bench, Bench) else _loaded(bench)
     identity = identity_at(link) if link is not None else assumed_board(declared, latency, sense_scale, drive_scale)

@@ -16,8 +16,8 @@ from hil.numbers import counted
 from hil.running.account import Account
 from hil.running.asked_again import ask_again, zero_drive
 from hil.running.preflight import require_unchanged
+from hil.running.safety import LATCHING, Safety, Stop, reason_name
 from hil.running.stopping import bring_to_safe
-from hil.running.stops import LATCHING, Safety, Stop, reason_name
 from hil.wire import client
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint

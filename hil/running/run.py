@@ -31,7 +31,7 @@ from hil.records.runfolder import RunFolder
 from hil.report.artist import Artist, artist_process
 from hil.running.beside import recorded_beside
 from hil.running.request import RunRequest
-from hil.running.stops import alarm_of
+from hil.running.safety import alarm_of
 from hil.running.supervision import Noticed, as_raised, supervise
 from hil.running.worker import Order
 from hil.running.worker_process import worker_process

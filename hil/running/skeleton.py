@@ -21,7 +21,7 @@ from hil.running.armed import ArmedBoard, Pause
 from hil.running.native import NONE, TurnState
 from hil.running.opening import Opening
 from hil.running.recorder import RecorderError, Track
-from hil.running.stops import Safety
+from hil.running.safety import Safety
 from hil.running.target import TargetSteps
 from hil.running.trim_outputs import Output
 from hil.running.trimming import Trimming

@@ -20,8 +20,8 @@ from hil.bench import Bench
 from hil.errors import InputError
 from hil.progress import Progress, Watcher
 from hil.running import line_workers
+from hil.running.safety import Safety, alarm_of
 from hil.running.stopping import bring_to_safe
-from hil.running.stops import Safety, alarm_of
 from hil.running.worker import Order
 from hil.wire import client
 from hil.wire.endpoint import Endpoint

@@ -27,7 +27,7 @@ from hil.errors.exit_codes import ExitCode
 from hil.running import parent, realtime
 from hil.running.control import LOOKS_PER_S, Control
 from hil.running.load import LoadMeter
-from hil.running.stops import reason_name
+from hil.running.safety import reason_name
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError

@@ -8,7 +8,7 @@ from typing import Literal
 
 from hil.bench import examples
 from hil.errors import InputError
-from hil.errors.strict_toml import suggestion
+from hil.toml.strict import suggestion
 
 Kind = Literal["bench", "scenario", "map", "campaign"]
 

@@ -8,10 +8,10 @@ from pydantic import BeforeValidator, Field, model_validator
 from hil.bench.data_sheet import BY_NAME
 from hil.bench.loop import RunName
 from hil.bench.section import Section, as_tuple
-from hil.errors.strict_toml import parse_table, read_table
 from hil.options import chosen, with_fields
 from hil.running.options import OF_THE_LOOP, RunOptions
 from hil.sweeping.instrument import Chamber, Instrument, Table
+from hil.toml.strict import parse_table, read_table
 from hil.tracing.options import TraceOptions
 
 Value = float | int | bool | str

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hil.errors import InputError
-from hil.errors.strict_toml import suggestion
+from hil.toml.strict import suggestion
 
 Table = dict[str, Any]
 _PART = re.compile(r"([A-Za-z0-9_:-]+)((?:\[\d+\])*)")

@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
 
 from hil.bench import Bench, examples, load_bench, make_way
-from hil.bench.toml import toml_key, toml_value
 from hil.errors import InputError
-from hil.errors.strict_toml import parse_table, read_table, suggestion
 from hil.options import chosen
 from hil.running.options import OF_THE_LOOP, RunOptions
 from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.keys import Table, parts_of, plain, put, value_at
 from hil.sweeping.tasks import Row, Task
+from hil.toml.strict import parse_table, read_table, suggestion
+from hil.toml.text import toml_key, toml_value
 
 if TYPE_CHECKING:
     import pyarrow

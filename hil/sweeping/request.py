@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from hil.bench.examples import find
 from hil.errors import InputError
 from hil.errors.arguments import path_of, require
-from hil.errors.strict_toml import parse_table
 from hil.options import chosen
 from hil.records.kind import fresh
 from hil.records.listing import RUNS
@@ -17,6 +16,7 @@ from hil.sweeping.baseline import read_baseline
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.options import LocalSweepOptions, SweepOptions
 from hil.sweeping.plan import Plan, plan_of, read_plan
+from hil.toml.strict import parse_table
 
 if TYPE_CHECKING:
     import pyarrow

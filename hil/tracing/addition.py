@@ -10,11 +10,11 @@ from typing import Any
 from estimator.errors import ModelError
 from hil.bench import Bench
 from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter, own_table
-from hil.bench.toml import toml_key, toml_value
 from hil.errors import InputError
-from hil.errors.strict_toml import parse_table, table_of
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Coefficient, Diagnosis, MissingForce
+from hil.toml.strict import parse_table, table_of
+from hil.toml.text import toml_key, toml_value
 from hil.wire.link_name import Emulated, parse_link
 
 _COLUMN = 36  # where the remarks begin

@@ -7,10 +7,10 @@ import shlex
 from pathlib import Path
 from typing import Any
 
-from hil.errors.strict_toml import read_table
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import Methods
 from hil.records.runfolder import run_of
+from hil.toml.strict import read_table
 
 _ADDED = "better.bench.toml"
 _ANOTHER = "OTHER.arrow"

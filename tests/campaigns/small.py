@@ -3,9 +3,9 @@
 from copy import deepcopy
 from typing import Any
 
-from hil.errors.strict_toml import parse_table
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import Plan, plan_of
+from hil.toml.strict import parse_table
 
 Table = dict[str, Any]
 

@@ -9,10 +9,10 @@ import pytest
 from pyarrow import parquet
 
 import hil
-from hil.bench.toml import toml_value
 from hil.errors import InputError
 from hil.sweeping.baseline import GATED, changes, read_baseline
 from hil.sweeping.campaign import Campaign
+from hil.toml.text import toml_value
 from tests.campaigns.small import RUNS
 from tests.cli.conftest import hil as called  # noqa: F401
 

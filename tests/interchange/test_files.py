@@ -18,7 +18,6 @@ from device_emulator.scenario import ScenarioError, load
 from hil.bench.bench import Bench
 from hil.bench.examples import find
 from hil.errors import InputError
-from hil.errors.strict_toml import parse_table, read_table
 from hil.exporting.exported import tables_of
 from hil.importing.importer import import_file
 from hil.importing.request import ImportRequest
@@ -31,6 +30,7 @@ from hil.records.kind import fresh
 from hil.records.listing import listed
 from hil.records.result import Result
 from hil.service.catalogue.entry import read_entry
+from hil.toml.strict import parse_table, read_table
 from tests.interchange.written import T_S, X_V
 
 PLAIN = "t_s,vx_V\n" + "".join(f"{t},{v}\n" for t, v in zip(T_S, X_V, strict=True))

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, override
-from hil.bench.toml import toml_value
 from hil.errors import InputError
 from hil.plugins.errors import PluginError
+from hil.toml.text import toml_value
 from tests.plugins.direct import Driven, drive_directly
 from tests.plugins.running import bench, ran
 from tests.running import gyro

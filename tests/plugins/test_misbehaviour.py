@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.plugins.native import HEADER
 from hil.records.check import check
 from hil.records.runfolder import RunFolder
-from hil.running.stops import Safety
+from hil.running.safety import Safety
 from hil.running.supervision import _Followed
 from hil.wire.errors import WireError
 from tests.plugins.compiled import STRICT

@@ -19,9 +19,9 @@ from websockets.asyncio.client import connect
 
 import hil
 from hil.errors import InputError
-from hil.errors.strict_toml import table_of
 from hil.service.problems import Problem
 from hil.service.security.audit import Audit
+from hil.toml.strict import table_of
 from tests.forked import hil_says
 from tests.service.serving import Serving, own_certificate, serving
 

@@ -11,7 +11,7 @@
 #include <stddef.h>
 #include <string.h>
 
-#include "../gyro_plugin.h"
+#include "../../native/gyro_plugin.h"
 
 #define HALF_TURN 3.14159265358979323846
 #define MOST 4096    /* samples of a block */

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.bench.classic import CLASSIC
-from hil.codegen.fmu import write_fmu
-from hil.codegen.golden import Golden, golden
-from hil.codegen.sizes import Sizes, sizes
-from hil.codegen.written import INTERFACE, decimal, files_of, filled
 from hil.errors import InputError
+from hil.generating.fmu import write_fmu
+from hil.generating.golden import Golden, golden
+from hil.generating.sizes import Sizes, sizes
+from hil.generating.written import INTERFACE, decimal, files_of, filled
 from hil.inputs.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
 from hil.plugins.finding import Kind, called
 from hil.plugins.native import HEADER
@@ -57,7 +57,7 @@ def generate(
     if bench.controller.mode in CLASSIC:
         raise InputError(
             f'{place}: [controller] mode = "{bench.controller.mode}": the source\'s estimator is written, mode = '
-            '"whole_angle"; the loops of this one are C99 behind gyro_plugin.h, hil/plugins/native/classic'
+            '"whole_angle"; the loops of this one are C99 behind gyro_plugin.h, hil/plugins/shipped/classic'
         )
 
     plugins: dict[Kind, str | None] = {"observer": bench.observer.plugin, "controller": bench.controller.plugin}

@@ -12,7 +12,7 @@
 #include <stdint.h>
 
 #include "demodulator.h"
-#include "../gyro_plugin.h"
+#include "../../native/gyro_plugin.h"
 #include "loop_filter.h"
 #include "probe.h"
 

@@ -11,9 +11,9 @@ from estimator.core.generate.header import generated
 from estimator.effects.declaration import Effect, Source
 from estimator.interface import NAME
 from estimator.observer import Observer
-from hil.codegen.data import Numbers, data
-from hil.codegen.source import Item, chosen, items, macros, reached, struct_of, with_numbers
 from hil.errors import InputError
+from hil.generating.data import Numbers, data
+from hil.generating.source import Item, chosen, items, macros, reached, struct_of, with_numbers
 
 INTERFACE = 2
 """GYRO_ESTIMATOR_VERSION: rises with a change that a caller would notice."""
@@ -151,7 +151,7 @@ def files_of(observer: Observer, facts: Mapping[str, str], place: str, *, float3
 
 def filled(name: str, values: Mapping[str, str]) -> str:
     """A template with its places filled in. Raises KeyError for a place that has no value."""
-    text = files("hil.codegen").joinpath("text", name).read_text("utf-8")
+    text = files("hil.generating").joinpath("text", name).read_text("utf-8")
     return re.sub(r"@([A-Z][A-Z0-9_]*)@", lambda found: values[found[1]], text)
 
 
