@@ -15,7 +15,8 @@ from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
 from hil.verdict.holds import held, own_setting
 from hil.verdict.machine import judge_machine, mishaps
-from hil.verdict.model import judge_model, trace_command
+from hil.verdict.model import judge_model
+from hil.verdict.next_step import after_run
 from hil.verdict.safety import judge_safety
 from hil.verdict.safety import remarks as stops_survived
 
@@ -69,7 +70,7 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     remarks = (*stops_survived(outcome), *refused, *unknown, *mishaps(result, outcome.get("counters", {})))
     verdict = _verdict(parts, ended_early)
     holds = None if late is None else held(late, bench, own_setting(bench, min(latency_ticks, 1)))
-    return Judgement(verdict, parts, tuple(reasons), remarks, _next(verdict, parts, folder, result), holds)
+    return Judgement(verdict, parts, tuple(reasons), remarks, after_run(verdict, parts, folder, result), holds)
 
 
 def judge_again(folder: RunFolder, result: Result) -> Result:
@@ -86,7 +87,7 @@ def judge_again(folder: RunFolder, result: Result) -> Result:
             "parts": parts,
             "reasons": (*others, *told),
             "verdict": verdict,
-            "next": _next(verdict, parts, folder, result),
+            "next": after_run(verdict, parts, folder, result),
         }
     )
 
@@ -110,22 +111,3 @@ def _verdict(parts: Mapping[str, Part], ended_early: bool) -> RunVerdict:
     if ended_early:
         return "interrupted"
     return "failed" if any(part.against for part in parts.values()) else "good"
-
-
-def _next(verdict: RunVerdict, parts: Mapping[str, Part], folder: RunFolder, result: Result) -> str:
-    """What the worst part asks for; else what one does with such a run.  A look at the report where its reasons are to
-    be mended by hand.
-    """
-    if asked := [part.next for part in parts.values() if part.against and part.next]:
-        return asked[0]
-    place = shlex.quote(str(folder.path))
-    if verdict == "interrupted":
-        return f"hil check {place}"
-    if verdict == "good":
-        return f"hil export {place} --what {'estimates' if result.angle is None else 'angle'}"
-    if result.innovation_rms is not None:
-        if parts["model"].against:
-            return trace_command(folder)
-        if parts["angle"].against and result.angle is not None:
-            return f"hil compare {place}"
-    return f"xdg-open {shlex.quote(str(folder.report_path))}"

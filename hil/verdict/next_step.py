@@ -1,16 +1,19 @@
-"""The command that comes next, after a trace and after a comparison: each ends with one, on the terminal and on its
-page.  That of a run is part of its verdict (`hil.verdict`).
+"""The command that comes next, after a run, a trace and a comparison: each ends with one, on the terminal and on its
+page.
 """
 
 import re
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import Methods
-from hil.records.runfolder import run_of
+from hil.records.result import Part, Result, RunVerdict
+from hil.records.runfolder import RunFolder, run_of
 from hil.toml.strict import read_table
+from hil.verdict.model import trace_command
 
 _ADDED = "better.bench.toml"
 _ANOTHER = "OTHER.arrow"
@@ -23,6 +26,25 @@ PASSING = "gyrohil-arrays-"
 """How the folder is called in which such arrays are while they are traced or compared."""
 
 _SEVERAL = re.compile(r"\d+ records: ")
+
+
+def after_run(verdict: RunVerdict, parts: Mapping[str, Part], folder: RunFolder, result: Result) -> str:
+    """What the worst part asks for; else what one does with such a run.  A look at the report where its reasons are to
+    be mended by hand.
+    """
+    if asked := [part.next for part in parts.values() if part.against and part.next]:
+        return asked[0]
+    place = shlex.quote(str(folder.path))
+    if verdict == "interrupted":
+        return f"hil check {place}"
+    if verdict == "good":
+        return f"hil export {place} --what {'estimates' if result.angle is None else 'angle'}"
+    if result.innovation_rms is not None:
+        if parts["model"].against:
+            return trace_command(folder)
+        if parts["angle"].against and result.angle is not None:
+            return f"hil compare {place}"
+    return f"xdg-open {shlex.quote(str(folder.report_path))}"
 
 
 def after_trace(

@@ -5,14 +5,6 @@ import { quantity } from "./numbers.js";
 
 const UNITS = /** @type {Record<string, string>} */ ({ mps2: "m/s²", N: "N", V: "V" });
 
-/** @param {Record<string, { volts: number, most_V: number }> | undefined} trims voltages of the trim outputs, by name */
-export function showTrims(trims) {
-  const host = byId("trims");
-  host.hidden = !trims;
-  if (!trims) return;
-  say(host, `Trim: ${Object.entries(trims).map(([name, one]) => `${name} ${one.volts.toFixed(3)} of ${one.most_V.toPrecision(3)} V`).join(", ")}`);
-}
-
 /** @param {any} drive what the loop says of it */
 export function showDrive(drive) {
   const host = byId("drive");
