@@ -49,7 +49,7 @@ def _values(bench: Bench) -> list[Fact]:
     else:
         facts += _drive(bench)
     facts += [
-        ("watchdog", f"{bench.link.watchdog_s:g} s"),
+        ("watchdog", f"{bench.watchdog_s:g} s"),
         ("SAFE above", f"{limits.residual_safe:g} × the noise, by the innovation"),
         ("armed again", f"{limits.rearm} times at most, after a stop that the host accounts for"),
     ]

@@ -1,7 +1,10 @@
 """Arming a board that was not started here takes a yes."""
 
 import io
+import re
 import sys
+import tomllib
+from pathlib import Path
 
 import pytest
 
@@ -9,7 +12,7 @@ from estimator.trace.experiments import Turn
 from hil.bench import Bench, examples, load_bench
 from hil.cli import consent
 from hil.errors import InputError
-from tests.cli.conftest import Terminal
+from tests.cli.conftest import Hil, Terminal
 
 LINK = "serial:/dev/ttyACM0"
 
@@ -41,7 +44,7 @@ def test_yes_at_the_terminal(bench: Bench, monkeypatch: pytest.MonkeyPatch, answ
     assert told["virtual rotation"] == "3 rad/s"
     assert told["dither"] == "0.3 m/s² rms"
     assert told["target stiffness"] == f"{bench.target_stiffness_per_s2 * bench.device.mass_kg:.6g} N/m"
-    assert told["watchdog"] == f"{bench.link.watchdog_s:g} s"
+    assert told["watchdog"] == "0.02 s"
 
 
 @pytest.mark.parametrize("answer", ["n\n", "\n", "", "yeah\n"])
@@ -63,6 +66,35 @@ def test_without_a_terminal_nothing_is_asked(bench: Bench, monkeypatch: pytest.M
     monkeypatch.setattr(sys, "stdin", io.StringIO("y\n"))
     with pytest.raises(InputError, match="needs --arm"):
         consent.require(LINK, bench, given=False)
+
+
+WITH_A_LOOP = [name for name in examples.names("bench") if not name.startswith("rate-table-")]
+
+
+@pytest.mark.parametrize("name", WITH_A_LOOP)
+@pytest.mark.parametrize("declared", [True, False])
+def test_a_board_of_every_bench_file_is_asked_for(name: str, declared: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the watchdog as it is declared, and as the page of the bench file has it where none is."""
+    text = re.sub(
+        r"(?m)^watchdog_s = .*$", lambda key: key[0] if declared else "", examples.find("bench", name).read_text()
+    )
+    bench = Bench.model_validate(tomllib.loads(text))
+    written = at_terminal(monkeypatch, "y\n")
+    consent.require(LINK, bench, given=False)
+    (told,) = re.findall(r"(?m)^  watchdog +(\S+) s$", written.getvalue())
+    rows = 3 * bench.loop.block if bench.loop.mode in ("gain", "board") else 2
+    key = re.search(r"(?m)^watchdog_s = (\S+)", text)
+    expected = float(key[1]) if key else max(0.02, rows / bench.device.sample_rate_Hz)
+    assert float(told) == pytest.approx(expected, rel=1e-5)
+
+
+def test_a_board_of_a_new_bench_file_is_asked_for(hil: Hil, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    sheet = {"mass": 1e-8, "resonance": 15e3, "split": 10, "q": 5000, "amplitude": 1e-6, "sample-rate": 2e5}
+    sheet |= {"sense-gain": 1e6, "noise": 1e-3, "full-scale": 1e3}
+    assert hil("init", "--name=mine", *(f"--{name}={value:g}" for name, value in sheet.items()))[0] == 0
+    written = at_terminal(monkeypatch, "y\n")
+    consent.require(LINK, load_bench(tmp_path / "my.bench.toml"), given=False)
+    assert "  watchdog             0.02 s\n" in written.getvalue()
 
 
 TURN = Turn(0.5, 8.0)

@@ -12,6 +12,7 @@ from evaluation.identifying.boards import draw, written
 from hil.identifying import recording
 from hil.identifying.identify import Identified
 from hil.records.runfolder import RunFolder
+from hil.running.drives import drives
 
 pytestmark = pytest.mark.slow
 
@@ -68,6 +69,7 @@ def test_the_file_has_every_required_key_and_says_what_is_not_told(good: Path) -
     assert "REQUIRED" not in text
     assert text.count("NOT TOLD") == 4
     assert "± [" in text
+    assert dict(drives(bench, "serial:/dev/ttyACM0"))["watchdog"] == "0.02 s"
 
 
 def test_its_record_alone_gives_the_same(tmp_path: Path, good: Path) -> None:

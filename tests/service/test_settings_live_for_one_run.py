@@ -104,6 +104,13 @@ def test_without_a_board_there_is_nothing_to_set(bench: Serving) -> None:
     assert "no board" in refused.json()["error"]
 
 
+def test_the_watchdog_that_applies_is_shown_where_none_is_declared(operator: Operator) -> None:
+    text = find("bench", "s-slow").read_text()
+    assert text.count("watchdog_s = 0.02") == 1
+    assert told(operator, bench_toml=text.replace("watchdog_s = 0.02", ""))["watchdog"] == "0.02 s"
+    assert told(operator, bench_toml=text.replace("watchdog_s = 0.02", "watchdog_s = 0.03"))["watchdog"] == "0.03 s"
+
+
 @pytest.mark.slow
 def test_a_start_is_held_to_what_was_shown(operator: Operator) -> None:
     asked = {"bench": BENCH, "settings": {"dither": 0.1}}
