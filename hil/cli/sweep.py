@@ -205,7 +205,7 @@ def _print(told: dict[str, Any], lines: list[str]) -> None:
     if (baseline := told["baseline"]) is not None:
         print(f"\n\nbeside the baseline, {len(baseline)} comparisons", end="")
         for line in lines:
-            print(printable(f"\n  worse  {line}"), end="")
+            print(f"\n  worse  {printable(line)}", end="")
     print("\n\nworst")
     for one in told["worst"][:5]:
         value = "–" if one["value"] is None else f"{one['value']:.4g}"

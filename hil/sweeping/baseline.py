@@ -18,6 +18,8 @@ from hil.bench.data_sheet import AT_LEAST, FIGURES
 from hil.errors import InputError
 from hil.records.junit import Case, junit_xml
 from hil.sweeping.campaign import Campaign
+from hil.sweeping.plan import Plan
+from hil.sweeping.tasks import Row
 
 if TYPE_CHECKING:
     import pyarrow
@@ -58,9 +60,9 @@ class Change(NamedTuple):
         )
 
 
-def read_baseline(place: Path, campaign: Campaign) -> "pyarrow.Table":
+def read_baseline(place: Path, plan: Plan) -> "pyarrow.Table":
     """The rows at `place`: a Parquet file, or the folder of a campaign.  Raises InputError where they are none of this
-    campaign's keys."""
+    campaign's keys, or share no cell with it."""
     from pyarrow import ArrowException, parquet
 
     inner = place / "results"
@@ -71,22 +73,21 @@ def read_baseline(place: Path, campaign: Campaign) -> "pyarrow.Table":
         raise InputError(
             f"{place}: no results of a campaign ({told:.100}); give its folder or a Parquet file"
         ) from None
-    keys = ["seed", *(one.column for one in campaign.vary)]
+    keys = ["seed", *(one.column for one in plan.campaign.vary)]
     if missing := [key for key in keys if key not in table.column_names]:
         raise InputError(f"{place}: lacks {', '.join(missing)}; give results of the same campaign")
+    there = _by_cell(table, plan.campaign, ())
+    planned = (plan.identity(number) for number in range(0, len(plan), plan.campaign.seeds))
+    if not any(_cell(row, plan.campaign) in there for row in planned):
+        raise InputError(f"{place}: no cell of this campaign is in it; give results with the same values of the keys")
     return table
 
 
 def changes(new: "pyarrow.Table", old: "pyarrow.Table", campaign: Campaign) -> list[Change]:
-    """Each figure that both have, in each cell that both have; of several cells also all of them together.
-
-    Raises InputError where they share no cell.
-    """
+    """Each figure that both have, in each cell that both have; of several cells also all of them together."""
     figures = [name for name in (*GATED, *(one.key for one in FIGURES)) if {name} <= _names(new) & _names(old)]
     mine, theirs = (_by_cell(table, campaign, figures) for table in (new, old))
     cells = [cell for cell in mine if cell in theirs]
-    if not cells:
-        raise InputError("--baseline: no cell of this campaign is in it; give results with the same values of the keys")
     groups = [[cell] for cell in cells] + ([cells] if len(cells) > 1 else [])
     found = []
     for group in groups:
@@ -109,12 +110,19 @@ def _names(table: "pyarrow.Table") -> set[str]:
 
 def _by_cell(table: "pyarrow.Table", campaign: Campaign, figures: Sequence[str]) -> Cells:
     """The rows by the values of the varied keys."""
-    keys = [one.column for one in campaign.vary if any(key != "bench.loop.seed" for key in one.keys)]
-    wanted = {*keys, *figures, "seed", "outcome"}
+    wanted = {*_keys(campaign), *figures, "seed", "outcome"}
     found: Cells = defaultdict(list)
     for row in table.select([name for name in table.column_names if name in wanted]).to_pylist():
-        found[", ".join(f"{key} {_shown(row[key])}" for key in keys)].append(row)
+        found[_cell(row, campaign)].append(row)
     return found
+
+
+def _keys(campaign: Campaign) -> list[str]:
+    return [one.column for one in campaign.vary if any(key != "bench.loop.seed" for key in one.keys)]
+
+
+def _cell(row: Row, campaign: Campaign) -> str:
+    return ", ".join(f"{key} {_shown(row[key])}" for key in _keys(campaign))
 
 
 def _shown(value: Any) -> str:

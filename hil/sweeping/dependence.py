@@ -74,15 +74,18 @@ def dependence(plan: Plan, table: "pyarrow.Table", figure: str) -> Dependence | 
     point = np.array(table["point"].to_numpy(), dtype=np.intp)
     known = np.isfinite(values)
     values, point = values[known], point[known]
-    vary = plan.campaign.vary
-    if not vary or len(values) < 2 * _ROWS_PER_TERM:
+    if len(values) < 2 * _ROWS_PER_TERM:
         return None
+    shares = plan.shares[point]
+    moved = np.flatnonzero(np.ptp(shares, axis=0))  # a key that stayed where it was explains nothing
+    if not moved.size:
+        return None
+    vary, shares = [plan.campaign.vary[place] for place in moved], shares[:, moved]
     logarithmic = bool(np.all(values > 0.0))
     y = np.log10(values) if logarithmic else values
     variance = float(np.var(y))
     if variance <= 1e-24 * (1.0 + float(np.mean(y)) ** 2):
         return None
-    shares = plan.shares[point]
     groups, a = _terms(vary, shares, len(y))
     solved = _fit(a, y)
     if solved is None:

@@ -58,6 +58,6 @@ def request_of(campaign: AnyCampaign, options: SweepOptions, *, called: str | No
         raise InputError("--junit: tells what a baseline showed; give --baseline too, or leave it out")
     return CampaignRequest(
         plan, folder, workers, scheduler, bool(given["arm"]),
-        None if baseline is None else read_baseline(path_of("baseline", baseline), plan.campaign),
+        None if baseline is None else read_baseline(path_of("baseline", baseline), plan),
         None if junit is None else fresh(path_of("junit", junit), replace=given["replace"]),
     )  # fmt: skip

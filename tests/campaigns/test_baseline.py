@@ -12,8 +12,9 @@ import hil
 from hil.errors import InputError
 from hil.sweeping.baseline import GATED, changes, read_baseline
 from hil.sweeping.campaign import Campaign
+from hil.sweeping.plan import Plan
 from hil.toml.text import toml_value
-from tests.campaigns.small import RUNS
+from tests.campaigns.small import RUNS, plan
 from tests.cli.conftest import hil as called  # noqa: F401
 
 CAMPAIGN = Campaign.model_validate(
@@ -91,6 +92,22 @@ def test_from_the_command_line(swept, tmp_path, called):  # noqa: F811
     assert code == 1
     assert {one["figure"] for one in json.loads(out)["baseline"] if one["worse"]} == {"rate_error_rms_rad_s"}
     assert ElementTree.parse("gate.xml").findall(".//failure")
+    _, out, _ = called(*(one for one in call if one != "--json"), "--baseline", "better.parquet")
+    assert "\\n" not in out
+    assert sum(line.startswith("  worse  rate_error_rms_rad_s") for line in out.splitlines()) >= 1
+
+
+def test_a_baseline_without_a_common_cell_is_refused_before_the_first_run(tmp_path):
+    """One cell in common is enough; the table of another campaign's values has none."""
+    cells = [(noise, share) for noise in (3e-5, 9e-4) for share in (0.99, 1.01)]
+    stiffness = plan().scenario["truth"]["stiffness_N_per_m"][0]
+    rows = [{"seed": 1, "noise_V": noise, "kxx": share * stiffness} for noise, share in cells]
+    parquet.write_table(pa.Table.from_pylist(rows[3:]), tmp_path / "one.parquet")
+    assert len(read_baseline(tmp_path / "one.parquet", plan())) == 1
+    parquet.write_table(pa.Table.from_pylist([row | {"noise_V": 7e-4} for row in rows]), tmp_path / "none.parquet")
+    with pytest.raises(InputError, match="none.parquet: no cell of this campaign"):
+        hil.sweep(RUNS, out=tmp_path / "x", baseline=tmp_path / "none.parquet")
+    assert not (tmp_path / "x").exists()
 
 
 def test_bad_input(tmp_path):
@@ -98,11 +115,6 @@ def test_bad_input(tmp_path):
     parquet.write_table(pa.table({"a": [1]}), tmp_path / "other.parquet")
     for name, word in (("no.parquet", "no results"), ("none.parquet", "no results"), ("other.parquet", "lacks seed")):
         with pytest.raises(InputError, match=word):
-            read_baseline(tmp_path / name, CAMPAIGN)
-    generator = np.random.default_rng(5)
-    other = results(generator, range(3), 1)
-    moved = other.set_column(other.column_names.index("noise_V"), "noise_V", pa.array([7.0] * len(other)))
-    with pytest.raises(InputError, match="no cell"):
-        changes(moved, other, CAMPAIGN)
+            read_baseline(tmp_path / name, Plan(CAMPAIGN, "c", "c", {}, {}))
     with pytest.raises(InputError, match="junit"):
         hil.sweep(RUNS, out=tmp_path / "x", junit=tmp_path / "a.xml")

@@ -139,6 +139,18 @@ def test_missing_figures_are_left_out_and_counted_and_what_does_not_vary_has_no_
     assert dependence(plan(small(vary=[])), pa.table({"point": [0, 0], "y": [1.0, 2.0]}), "y") is None
 
 
+def test_a_key_of_a_single_value_is_not_listed_and_changes_no_share() -> None:
+    """The shares of the others are those of the campaign in which the key is fixed."""
+    two: list[dict[str, Any]] = [{"key": KEYS[0], "values": [1.0, 2.0, 3.0]}, {"key": KEYS[1], "values": [1.0, 2.0]}]
+    one = {"key": KEYS[2], "values": [300.0]}
+    y = np.random.default_rng(8).standard_normal(24)
+    without = found_in(plan(small(vary=two, seeds=4)), y)
+    found = found_in(plan(small(vary=[two[0], one, two[1]], seeds=4)), y)
+    assert found == without
+    assert {key for entry in (*found.keys, *found.pairs) for key in entry.keys} == {"noise_V", "rate_rad_s"}
+    assert dependence(plan(small(vary=[one], seeds=24)), pa.table({"point": np.zeros(24, int), "y": y}), "y") is None
+
+
 @pytest.mark.long
 def test_the_report_of_very_many_runs_stays_a_page(tmp_path: Path) -> None:
     made = drawn(20_000)
