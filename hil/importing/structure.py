@@ -32,7 +32,7 @@ class Structure(NamedTuple):
     names: Sequence[str]
 
     def words(self, given: RecordMap) -> str:
-        """What a map has to say otherwise than `given`; nothing where it says all that."""
+        """What to do to the map `given`, so that it says all that; nothing where it does."""
         differing = {}
         for key in OF_TEXT:
             wanted = self.keys.get(key, RecordMap.model_fields[key].default)
@@ -41,7 +41,12 @@ class Structure(NamedTuple):
                 differing[key] = wanted
         if not differing:
             return ""
-        said = ", ".join(f"{key} = {toml_value(value)}" for key, value in differing.items())
+        verb = "set" if given.columns is not None or given.model_fields_set - {"hold"} else "give a --map with"
+        told = [f"{key} = {toml_value(value)}" for key, value in differing.items() if value is not None]
+        without = [key for key, value in differing.items() if value is None]
+        said = " and ".join(
+            [f"{verb} {', '.join(told)}"] * bool(told) + [f"leave {', '.join(without)} out"] * bool(without)
+        )
         if self.keys.get("header", True):
             return f"{said}; its columns are then {', '.join(self.names)}"
         return f"{said}; give its {len(self.names)} columns by position"
@@ -52,9 +57,7 @@ def asked_for(path: Path, given: RecordMap) -> str:
     found out.
     """
     found = structure_of(path, given)
-    words = "" if found is None else found.words(given)
-    verb = "set" if given.columns is not None or given.model_fields_set - {"hold"} else "give a --map with"
-    return f"{verb} {words}" if words else ""
+    return "" if found is None else found.words(given)
 
 
 def structure_of(path: Path, given: RecordMap) -> Structure | None:
@@ -126,14 +129,15 @@ def _by(lines: Sequence[str], delimiter: str, decimal: str, given: RecordMap) ->
         names = [str(place) for place in range(1, width + 1)]
         skipped = rows[first][0]
     early = [line for at, line in numbered if at < skipped]
-    if (
+    if _leaves_out(given, numbered, skipped, marked if comment_within else None):
+        keys |= {key: value for key in ("skip_lines", "comment") if (value := getattr(given, key))}
+    elif (
         marked
         and all(line.lstrip().startswith(marked) for line in early)
         and (comment_within or (early and "header" in keys))
     ):
         keys["comment"] = marked
-        early = []
-    if early:
+    elif early:
         keys["skip_lines"] = skipped
     elif comment_within:
         keys["comment"] = marked
@@ -146,6 +150,14 @@ def _by(lines: Sequence[str], delimiter: str, decimal: str, given: RecordMap) ->
     if given.quote != '"':
         keys["quote"] = given.quote
     return score, Structure(keys, names)
+
+
+def _leaves_out(given: RecordMap, numbered: Sequence[tuple[int, str]], head: int, marked: str | None) -> bool:
+    """Whether a map leaves out the lines before line `head`, and after it those that begin with `marked`, no other."""
+    cells = Cells(given)
+    kept = [(at, line) for at, line in numbered if at >= given.skip_lines and not cells.is_left_out(line)]
+    right = [(at, line) for at, line in numbered if at >= head and not (marked and line.lstrip().startswith(marked))]
+    return kept == right
 
 
 def _comments_in(lines: Sequence[str]) -> str | None:

@@ -105,7 +105,7 @@ def test_a_baseline_without_a_common_cell_is_refused_before_the_first_run(tmp_pa
     parquet.write_table(pa.Table.from_pylist(rows[3:]), tmp_path / "one.parquet")
     assert len(read_baseline(tmp_path / "one.parquet", plan())) == 1
     parquet.write_table(pa.Table.from_pylist([row | {"noise_V": 7e-4} for row in rows]), tmp_path / "none.parquet")
-    with pytest.raises(InputError, match="none.parquet: no cell of this campaign"):
+    with pytest.raises(InputError, match=r"none\.parquet: no cell of this campaign"):
         hil.sweep(RUNS, out=tmp_path / "x", baseline=tmp_path / "none.parquet")
     assert not (tmp_path / "x").exists()
 

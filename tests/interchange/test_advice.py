@@ -146,6 +146,34 @@ def test_without_a_map_the_first_advice_is_of_the_same_structure(tmp_path: Path,
     assert not line
 
 
+@pytest.mark.parametrize(
+    ("start", "keys"),
+    [
+        ("", {}),
+        ("# Recorder 7\n", {"comment": '"#"'}),
+        ("# Recorder 7\n", {"skip_lines": "1"}),
+        ("# Recorder 7\n", {"skip_lines": "1", "comment": '"#"'}),
+        ("Recorder 7\n# paused\n", {"skip_lines": "1", "comment": '"#"'}),
+        ("", {"comment": '"#"'}),
+    ],
+)
+def test_a_misspelt_column_of_a_text_that_the_map_reads_rightly(
+    tmp_path: Path, start: str, keys: dict[str, str]
+) -> None:
+    """The name is the only mistake, whichever way the lines before the table are left out."""
+    (tmp_path / "m.csv").write_text(start + table(",", header="time{d}Fx g"))
+    line = told(tmp_path, tmp_path / "m.csv", keys, ['"time"', '"Fx_g"'])
+    assert line.endswith("no column 'Fx_g' for vx; did you mean 'Fx g'?")
+    assert not told(tmp_path, tmp_path / "m.csv", keys, ['"time"', '"Fx g"'])
+
+
+def test_a_comment_mark_that_hides_the_header_is_to_be_left_out(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text(table(",", header="% time{d}out"))
+    line = told(tmp_path, tmp_path / "m.csv", {"comment": '"%"'}, ['"% time"', '"out"'])
+    assert line.endswith("; leave comment out; its columns are then % time, out")
+    assert not told(tmp_path, tmp_path / "m.csv", {}, ['"% time"', '"out"'])
+
+
 @pytest.mark.parametrize("name", UNEVEN)
 def test_nonuniform_is_advised_for_what_is_uneven_or_lacks_samples(tmp_path: Path, name: str) -> None:
     source = tmp_path / "m.csv"
