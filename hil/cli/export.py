@@ -64,9 +64,12 @@ def export(
     rows = written.rows
     if json:
         left_out = list(written.left_out)
-        print_json({"file": str(target), "rows": sum(rows.values()), "tables": rows, "left_out": left_out})
+        also = {"left_out": left_out, "cut": list(written.cut)}
+        print_json({"file": str(target), "rows": sum(rows.values()), "tables": rows} | also)
     else:
         told = ", ".join(f"{count} rows of {name}" for name, count in rows.items())
         say(f"{target}: {told}")
+        for cut in written.cut:
+            say(f"  {cut}")
         if written.left_out:
             say(f"  a CSV does not contain: {', '.join(written.left_out)}; Parquet and MAT do")

@@ -120,6 +120,7 @@ def _as_json(one: "Listed") -> dict[str, object]:
         "seconds": one.seconds,
         "against": list(one.against),
         "reasons": list(one.reasons),
+        "cut": one.cut or None,
         "effects": list(one.named),
         "unreadable": one.unreadable or None,
     }
@@ -139,7 +140,7 @@ def _print(found: list["Listed"], folder: Path) -> None:
 def _verdict(one: "Listed") -> str:
     """The verdict with the parts that are against the run."""
     if not one.verdict:
-        return "unreadable" if one.unreadable else "no verdict yet"
+        return "unreadable" if one.unreadable else "no figures" if one.reasons else "no verdict yet"
     return f"{one.verdict}: {', '.join(one.against)}" if one.against else one.verdict
 
 
@@ -151,4 +152,4 @@ def _told(one: "Listed") -> str:
         return one.unreadable
     length = ", ".join(one.named) or ("" if one.seconds is None else f"{one.seconds:.4g} s")
     why = one.reasons[0].partition(";")[0] if one.reasons and one.verdict not in PASSED else ""
-    return "  ".join(filter(None, (length, why)))
+    return "  ".join(filter(None, (length, why, one.cut)))

@@ -40,6 +40,8 @@ class Exported:
     about: Mapping[str, Any] = field(default_factory=dict)
     beside: tuple[str, ...] = ()
     """What a file of columns alone does not carry, in words."""
+    cut: str = ""
+    """That the record was interrupted, where it was."""
 
 
 def tables_of(place: Path, wanted: Sequence[What]) -> list[Exported]:
@@ -108,7 +110,9 @@ def _capture(path: Path) -> Exported:
         HEADER: header_of(capture),
     }
     units = {name: _capture_unit(name, capture) for name in ("tick", *channels(capture.part(0, 0)), "flags")}
-    return Exported("capture", len(capture), units, lambda: _capture_pieces(capture), about, not_carried(capture))
+    return Exported(
+        "capture", len(capture), units, lambda: _capture_pieces(capture), about, not_carried(capture), capture.cut
+    )
 
 
 def _capture_unit(name: str, capture: Capture) -> str:
@@ -145,7 +149,7 @@ def _estimates(path: Path, name: What = "estimates", only: Sequence[str] = ()) -
         for piece in estimates.pieces():
             yield {"tick": piece.tick, "t_s": piece.t_s, **{column: piece[column] for column in names}}
 
-    return Exported(name, len(estimates), units, pieces, about)
+    return Exported(name, len(estimates), units, pieces, about, cut=estimates.cut)
 
 
 def _board(path: Path) -> Exported:
@@ -170,7 +174,7 @@ def _innovation(path: Path) -> Exported:
             yield {"tick": piece.tick, "t_s": piece.t_s, **{name: piece.columns[name] for name in names}}
 
     units = {"tick": "", "t_s": "s", **{name: str(innovation.header["columns"][name]["unit"]) for name in names}}
-    return Exported("innovation", len(innovation), units, pieces, about)
+    return Exported("innovation", len(innovation), units, pieces, about, cut=innovation.cut)
 
 
 def _force(path: Path) -> Exported:

@@ -42,10 +42,11 @@ def format_for(target: Path, to: str | None) -> str:
 
 
 class Written(NamedTuple):
-    """Rows of each table that was written; what the format does not carry of them, in words."""
+    """Rows of each table that was written; what the format does not carry of them, in words; which were interrupted."""
 
     rows: dict[str, int]
     left_out: tuple[str, ...]
+    cut: tuple[str, ...]
 
 
 def export(place: Path, target: Path, to: str, what: Sequence[str] = ()) -> Written:
@@ -71,4 +72,5 @@ def export(place: Path, target: Path, to: str, what: Sequence[str] = ()) -> Writ
     with replacing(target) as temporary:
         _WRITERS[to](tables, temporary)
     left_out = tables[0].beside if to == "csv" else ()
-    return Written({table.name: table.rows for table in tables}, left_out)
+    cut = tuple(f"{table.name}: {table.cut}" for table in tables if table.cut)
+    return Written({table.name: table.rows for table in tables}, left_out, cut)

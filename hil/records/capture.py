@@ -88,6 +88,11 @@ class Capture(Table):
         return tuple(self.header.get("prepared", ()))
 
     @property
+    def told(self) -> tuple[str, ...]:
+        """The same, and that it was interrupted, where it was: for what is made of the whole of it."""
+        return (*self.prepared, *filter(None, [self.cut]))
+
+    @property
     def carrier_Hz(self) -> float | None:
         """Of demodulated streams: what X and Y are the components of, X cos ωt − Y sin ωt; None of samples."""
         carrier = self.header.get("carrier_Hz")

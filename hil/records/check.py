@@ -15,6 +15,7 @@ from hil.records.blocks import Scan, StoredColumns, pieces_of, scan_blocks
 from hil.records.capture import missing
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
+from hil.records.table import cut_after
 from hil.records.text_seal import is_sealed
 
 STEMS = ("capture", "innovation", "estimates", "board_estimates", "covariance", "timing", "clock")
@@ -124,7 +125,7 @@ def _record(path: Path) -> Checked:
     if scan.damage:
         found.problems.append(scan.damage)
     elif not scan.complete:
-        found.problems.append(f"interrupted: it ends after row {scan.rows}, without an end marker")
+        found.problems.append(cut_after(scan.rows))
     _count(found, scan)
     return found
 

@@ -263,7 +263,8 @@ class Diagnosis(json_file.Sealed, json_file.Strict):
     )
     sense_unit: str = Field(default="V", description="Unit of what is sensed: V, or the sensor's own, as px or µstrain")
     prepared: tuple[str, ...] = Field(
-        default=(), description="What was done to the record as it was imported: a base taken as drive, a filter"
+        default=(),
+        description="What was done to the record as it was imported: a base taken as drive, a filter; that it was cut",
     )
     record: str = Field(description="Name of the record")
     bench: str = Field(description="[device] name of the bench file")

@@ -7,6 +7,7 @@ are read are checked, each by its own two checksums and by the one of the block 
 import json
 import os
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
@@ -19,6 +20,7 @@ from hil.errors import InputError
 from hil.records.blocks import Opening, open_record, read_opening
 from hil.records.layout import HEADER_KEY
 from hil.records.seal import PREFIX, BrokenBlockError, checked_head, head_length, lengths_of, stated_head
+from hil.records.table import cut_after
 
 _HEAD_BYTES = 1 << 16  # longer than any head
 _FEW = 8  # blocks, among which one looks without a hint
@@ -33,14 +35,14 @@ class OnDisk(NamedTuple):
     lost: int
     complete: bool
 
-    @property
-    def told(self) -> str:
-        """In a few words."""
+    def told(self, meant: int | None = None) -> str:
+        """In a few words, beside the ticks that were meant to be there where that is known."""
         if not self.rows:
             return "no whole block was recorded"
-        if self.complete:
-            return "the record is whole"
-        return f"the record ends after sample {self.rows}, without its end marker"
+        if not self.complete:
+            return f"the record was {cut_after(self.rows)}"
+        there = self.rows + self.lost
+        return "the record is whole" if meant is None or there >= meant else f"whole up to tick {there} of {meant}"
 
 
 def on_disk(capture: Path) -> OnDisk:
@@ -53,6 +55,13 @@ def on_disk(capture: Path) -> OnDisk:
             return OnDisk(record.rows, between, record.complete)
     except InputError:
         return OnDisk(0, 0, complete=False)
+
+
+def cut_of(capture: Path) -> str:
+    """That a capture was interrupted, as `Table.cut` says it; "" of a whole one and where none can be read."""
+    with suppress(InputError), DirectRecord(capture, "capture") as record:
+        return "" if record.complete else f"the record was {cut_after(record.rows)}"
+    return ""
 
 
 Columns = dict[str, npt.NDArray[Any]]

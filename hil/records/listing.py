@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from hil.errors import InputError
+from hil.records.direct import cut_of, on_disk
+from hil.records.occupied import is_occupied
 from hil.records.runfolder import RunFolder
 
 RUNS = Path("runs")
@@ -35,7 +37,8 @@ class Listed(NamedTuple):
     """A run, a trace, a data sheet, an identification or an attitude.
 
     Its folder; verdict, "" where it has none yet; bench seconds of a run; what a trace named;
-    why the folder cannot be read, "" else; the reasons of the verdict; the parts of a run's verdict against it.
+    why the folder cannot be read, "" else; the reasons of the verdict, or why there is none; the parts of a run's
+    verdict against it; that the capture of a run was cut since its verdict, "" else.
     """
 
     path: Path
@@ -46,6 +49,7 @@ class Listed(NamedTuple):
     unreadable: str = ""
     reasons: tuple[str, ...] = ()
     against: tuple[str, ...] = ()
+    cut: str = ""
 
 
 def listed(folder: Path) -> Iterator[Listed]:
@@ -138,13 +142,25 @@ def _run(place: Path) -> Listed:
     run = RunFolder(place)
     _ = run.bench_text  # of a run whose bench file was changed the figures say nothing
     if not run.result_path.exists():
-        return Listed(place, "run", "")
+        return Listed(place, "run", "", reasons=_without_figures(run))
     from hil.records.result import load_result  # where figures are asked for, and only there
 
     result = load_result(run.result_path)
     against = {name: part.reason for name, part in result.parts.items() if part.against}
     reasons = result.reasons or tuple(filter(None, against.values()))
-    return Listed(place, "run", result.verdict or "", result.seconds, reasons=reasons, against=tuple(against))
+    cut = cut_of(run.capture_path) if result.complete and run.capture_path.exists() else ""
+    return Listed(place, "run", result.verdict or "", result.seconds, reasons=reasons, against=tuple(against), cut=cut)
+
+
+def _without_figures(run: RunFolder) -> tuple[str, ...]:
+    """Why a run has none, where nobody works on it."""
+    if not run.bench or is_occupied(run.path):
+        return ()
+    try:
+        meant = round(run.bench["loop"]["duration_s"] * run.bench["device"]["sample_rate_Hz"])
+    except (KeyError, TypeError):
+        meant = None
+    return (f"{on_disk(run.capture_path).told(meant)}: `hil replay` computes its figures",)
 
 
 def _trace(place: Path) -> Listed:

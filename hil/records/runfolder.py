@@ -142,6 +142,12 @@ class RunFolder:
         """The estimates, or None."""
         return _read_if_there(self.estimates_path, read_estimates)
 
+    @property
+    def cut(self) -> dict[str, str]:
+        """Which of both were interrupted, by the name of the file: `Table.cut`."""
+        records = {"capture.arrow": self.capture, "estimates.arrow": self.estimates}
+        return {name: record.cut for name, record in records.items() if record is not None and record.cut}
+
     @cached_property
     def board_estimates(self) -> Estimates | None:
         """What the board's own estimator said, or None."""

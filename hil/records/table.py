@@ -19,6 +19,11 @@ def scored_from_s(first_s: float, settle_s: float, tick_rate_Hz: float) -> float
     return first_s + settle_s - 1e-3 / tick_rate_Hz
 
 
+def cut_after(rows: int) -> str:
+    """What is said of a record without its end marker, of which so many rows are there."""
+    return f"interrupted: it ends after row {rows}, without an end marker"
+
+
 @dataclass(frozen=True)
 class Table:
     """A record, read. `complete` is False when it was interrupted (its end marker is missing).
@@ -32,6 +37,11 @@ class Table:
 
     def __len__(self) -> int:
         return rows_of(self.columns)
+
+    @property
+    def cut(self) -> str:
+        """That the record, which this is as it was read, was interrupted; "" of a whole one."""
+        return "" if self.complete else f"the record was {cut_after(len(self))}"
 
     @property
     def axes(self) -> int:

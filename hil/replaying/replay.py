@@ -67,8 +67,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
         except ModelError as error:  # of the record itself: a step too long for the flow
             shutil.rmtree(folder)
             raise InputError(f"{capture}: {error}") from None
-    stopped = "" if record.complete else "the record was interrupted"
-    conclude(folder, bench, {"stopped": stopped}, link=None, note=None, progress=progress)
+    conclude(folder, bench, {"stopped": record.cut}, link=None, note=None, progress=progress)
     return RunResult(folder, {})
 
 

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from hil.wire.wire_log import WireLog
 
 _SCAN = ("hil.running.closing_scan", "estimator.completeness.closing", "hil.records.summary", "hil.verdict.budget")
+_UNFINISHED = "interrupted while the figures were computed"
 _VERSIONS = ("gyrohil", "numpy", "scipy", "pyarrow")
 
 
@@ -141,10 +142,13 @@ def run(
                 raise Interrupted(f"{said}; {interruption}") from None
             except OSError as error:
                 why = line_of(error)
-                there = on_disk(RunFolder(folder).capture_path).told
-                raise InputError(f"{why}; {said}; {there}, in {folder.name}, without figures") from None
+                with suppress(OSError):  # a full disk may have room for as little
+                    save_result(RunFolder(folder).result_path, _result_so_far(folder, bench, outcome, link, why))
+                raise InputError(
+                    f"{why}; {said}; {_on_disk(folder, bench)}, in {folder.name}, without figures"
+                ) from None
         if ended.interrupted:
-            there = f"{on_disk(RunFolder(folder).capture_path).told}: {folder}" if recorded else "nothing was recorded"
+            there = f"{_on_disk(folder, bench)}: {folder}" if recorded else "nothing was recorded"
             raise Interrupted(f"{said}; {there}")
         if not recorded and not (dry_run and "identity" in outcome):
             raise as_raised(outcome.get("failed", ["LinkError"]), outcome["stopped"])
@@ -170,8 +174,13 @@ def _what_was_done(safety: dict[str, Any]) -> str:
     return alarm_of(safety) or str(safety["words"])
 
 
-def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: str | None) -> Result:
-    """What is known of a run whose figures nobody waited for, by what is on disk."""
+def _on_disk(folder: Path, bench: Bench) -> str:
+    """What is there of the record of a run, beside what was to be there."""
+    return on_disk(RunFolder(folder).capture_path).told(round(bench.loop.duration_s * bench.device.sample_rate_Hz))
+
+
+def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: str | None, why: str) -> Result:
+    """What is known of a run without figures, by what is on disk; why: there are none."""
     counters = outcome.get("counters", {})
     there = on_disk(RunFolder(folder).capture_path)
     safety = judge_safety(outcome)
@@ -187,7 +196,7 @@ def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: st
         counters=counters,
         verdict="unsafe" if safety.outcome == "unsafe" else "interrupted",
         parts={"safety": safety},
-        reasons=(*told, "interrupted while the figures were computed: `hil replay` gives them"),
+        reasons=(*told, f"{why}; {_on_disk(folder, bench)}: `hil replay` computes its figures"),
         complete=there.complete,
     )
 
@@ -256,9 +265,10 @@ def conclude(
             figures = f"its figures are in {result.name}, its report is not drawn"
             if not result.exists():
                 if link is not None:
-                    save_result(result, _result_so_far(folder, bench, outcome, link))
+                    save_result(result, _result_so_far(folder, bench, outcome, link, _UNFINISHED))
                 figures = "its figures and report are not made: `hil replay` gives them"
-            raise Interrupted(f"{on_disk(RunFolder(folder).capture_path).told}: {folder}; {figures}") from None
+            there = on_disk(RunFolder(folder).capture_path).told() if link is None else _on_disk(folder, bench)
+            raise Interrupted(f"{there}: {folder}; {figures}") from None
 
 
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy

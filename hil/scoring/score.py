@@ -67,6 +67,7 @@ def score(run: Path, truth_file: Path) -> Result:
     found = compare(folder.estimates, truth, folder.scored_from_s)
     interrupted = not folder.estimates.complete or before.verdict == "interrupted"
     remarks += require_reach(truth, truth_file, folder.estimates, partly=interrupted and found is not None)
+    remarks += [f"{name}: {cut}" for name, cut in folder.cut.items() if cut not in before.reasons]
     if found is None:
         raise InputError(
             f"{truth_file}: fewer than two instants in common with {folder.estimates_path} "

@@ -74,6 +74,7 @@ def trace_pool_files(request: TraceRequest, bench: Bench, out: Path, progress: W
     except ModelError as error:
         raise InputError(f"{len(captures)} records: {error}") from None
     said = [remark for record in records for remark in record.prepared]
+    said += [f"{each}: {record.cut}" for each, record in zip(names, records, strict=True) if record.cut]
     said += [f"{member.name}: {remark}" for member in members for remark in remarks(member.record, device)]
     diagnosis = to_model(
         found,

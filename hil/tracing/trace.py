@@ -75,10 +75,11 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
     workers()  # no number of them is told before minutes are spent
     require_place(out)
     captured, bench = fitting(capture, bench)
+    said = captured.told
     captured, bench, trimmed = at_rest(captured, bench, trims_beside(capture))
     captured, held_out = parts_of(captured, fraction)
     if captured.carrier_Hz is not None:
-        return _trace_streams(request, bench, out, captured, sample_of(captured, held_out))
+        return _trace_streams(request, bench, out, captured, sample_of(captured, held_out), said)
     device, settings = recorded_device_of(bench, captured), observer_settings_of(bench)
     part = Part(captured, record_of(captured, drives_of(captured, device)), sample_of(captured, held_out))
     if fraction is None and "train" not in captured.segments:
@@ -109,7 +110,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         record=called(capture),
         bench=bench.device.name,
         sense_unit=bench.device.sense.unit,
-        prepared=(*captured.prepared, *filter(None, [trimmed]), *part.said, *remarks(record, device)),
+        prepared=(*said, *filter(None, [trimmed]), *part.said, *remarks(record, device)),
         missing_force=about,
     )
     folder = new_folder(out, bench)
@@ -160,11 +161,13 @@ def _unnamed(problem: Problem, split: int) -> "tuple[MissingForce | None, Writte
     return found, force_model(found)
 
 
-def _trace_streams(request: TraceRequest, bench: Bench, out: Path, captured: Capture, split: int) -> Traced:
+def _trace_streams(
+    request: TraceRequest, bench: Bench, out: Path, captured: Capture, split: int, said: tuple[str, ...]
+) -> Traced:
     """The same of demodulated streams: whether the averaged motion accounts for them."""
     capture = request.capture
     found = interruptible(lambda: trace_streams(capture, captured, bench, split))
-    diagnosis = to_model(found, record=called(capture), bench=bench.device.name, prepared=captured.prepared)
+    diagnosis = to_model(found, record=called(capture), bench=bench.device.name, prepared=said)
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)
     if request.report:
@@ -184,7 +187,7 @@ def _trace_sensor(request: TraceRequest, bench: RateSensorBench, out: Path, prog
     progress(Progress("effects", 0, 0))
     found = interruptible(lambda: trace_rate_sensor(capture, bench))
     captured = read_capture(capture)
-    said = (*captured.prepared, *sensor_remarks(captured))
+    said = (*captured.told, *sensor_remarks(captured))
     diagnosis = to_model(
         found, record=called(capture), bench=bench.device.name, sense_unit=bench.device.unit, prepared=said
     )
@@ -203,6 +206,7 @@ def _trace_envelope(request: TraceRequest, bench: Bench, out: Path, progress: Wa
     """The same of a ring-down whose amplitude was recorded: a law of damping."""
     capture, fraction = request.capture, request.fraction
     captured = read_capture(capture)
+    said = captured.told
     require_fit(captured, bench, capture)
     split = None
     if fraction is not None or "train" in captured.segments:
@@ -210,9 +214,7 @@ def _trace_envelope(request: TraceRequest, bench: Bench, out: Path, progress: Wa
     progress(Progress("effects", 0, 0))
     envelope, found = interruptible(lambda: trace_ring_down(capture, captured, bench, split))
     unit = "dB" if bench.device.sense.is_in_decibels else bench.device.sense.unit
-    diagnosis = to_model(
-        found, record=called(capture), bench=bench.device.name, sense_unit=unit, prepared=captured.prepared
-    )
+    diagnosis = to_model(found, record=called(capture), bench=bench.device.name, sense_unit=unit, prepared=said)
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)
     if request.report:

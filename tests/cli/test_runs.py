@@ -49,7 +49,7 @@ def test_the_runs_of_a_folder_oldest_first(hil: Hil, tmp_path: Path) -> None:
     code, out, _ = hil("ls")
     assert code == 0
     assert [line.split()[0] for line in out.splitlines()] == [one.path.name for one in found]
-    assert "no verdict yet" in out.splitlines()[1]
+    assert "no figures" in out.splitlines()[1]
 
 
 @pytest.mark.moderate

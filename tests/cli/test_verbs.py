@@ -66,7 +66,7 @@ def test_replay_finds_what_the_run_found(hil: Hil, recorded: Path, short_bench: 
 def test_export_and_import_are_inverse(hil: Hil, recorded: Path, short_bench: str) -> None:
     code, out, _ = hil("export", str(recorded), "--to", "csv", "-o", "ride.csv", "--json")
     left_out = ["the latency of its drive", "who recorded it"]
-    told = {"file": "ride.csv", "rows": 12000, "tables": {"capture": 12000}, "left_out": left_out}
+    told = {"file": "ride.csv", "rows": 12000, "tables": {"capture": 12000}, "left_out": left_out, "cut": []}
     assert (code, json.loads(out)) == (0, told)
     code, out, _ = hil("import", "ride.csv", "--json")
     figures = json.loads(out)

@@ -15,13 +15,13 @@ def interrupt(_: Progress) -> None:
     raise KeyboardInterrupt
 
 
-def interrupted_figures(folder: Path) -> str:
+def interrupted_figures(folder: Path, meant_s: float = 0.5) -> str:
     """What a Ctrl-C during the closing scan says of a run of which the loop counted 10,000 samples."""
     counters = {"samples": 10_000, "lost": 0}
     with pytest.raises(Interrupted) as told:
         conclude(
             folder,
-            load_bench(examples.find("bench", "s-slow")),
+            load_bench(examples.find("bench", "s-slow")).with_(loop={"duration_s": meant_s, "settle_s": 0.1}),
             {"counters": counters, "safety": {"armed": False, "confirmed": None}},
             link="pty:s-slow",
             note=None,
@@ -40,7 +40,7 @@ def test_a_record_without_its_end_is_not_called_whole(make_run) -> None:
     (folder / "result.json").unlink()
     said = interrupted_figures(folder)
     assert "the record is whole" not in said
-    assert said.startswith(f"the record ends after sample {rows}, without its end marker: ")
+    assert said.startswith(f"the record was interrupted: it ends after row {rows}, without an end marker: ")
     result = load_result(folder / "result.json")
     assert (result.samples, result.complete, result.verdict) == (rows, False, "interrupted")
 
@@ -53,5 +53,11 @@ def test_a_whole_record_is_called_whole(make_run) -> None:
     assert (result.samples, result.complete) == (2000, True)
 
 
+def test_a_record_that_ended_early_is_whole_so_far(make_run) -> None:
+    folder, _ = make_run(seconds=0.5)
+    (folder / "result.json").unlink()
+    assert interrupted_figures(folder, 1.0).startswith("whole up to tick 2000 of 4000: ")
+
+
 def test_without_a_record_nothing_is_called_recorded(tmp_path: Path) -> None:
-    assert on_disk(tmp_path / "capture.arrow").told == "no whole block was recorded"
+    assert on_disk(tmp_path / "capture.arrow").told() == "no whole block was recorded"

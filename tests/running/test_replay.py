@@ -138,7 +138,7 @@ def test_an_interrupted_record_is_replayed_as_far_as_it_goes(tmp_path: Path) -> 
     assert result is not None
     assert 1000 < result.samples < 4000
     assert (result.verdict, result.complete) == ("interrupted", False)
-    assert result.reasons[0] == "the record was interrupted"
+    assert result.reasons[0] == f"the record was interrupted: it ends after row {result.samples}, without an end marker"
 
 
 @pytest.mark.moderate
