@@ -168,15 +168,15 @@ class Unconfirmed:
 class Diagnosis:
     """The answer of a trace; `before` and `after` are of the part that was fitted, `held_out_*` of the rest.
 
-    reasons: why the verdict is what it is; angle_moved: how far in rad, at most, the angle moves when all that brings
+    reasons: why the verdict is what it is; angle_moved: largest change of the reported angle, rad, when all that brings
     the residual down is carried, None where nothing does; share: of the residual's power above the noise floor, on the
-    part held out, what the effects account for, None where none are named; left: what the residual still holds with
-    the effects, where something is left; probabilities: one for each effect that is named, one where none is, none
-    where nobody was carried; undetermined: sentences on constants that the record does not determine; dependences: of
-    several records, what goes with their covariate; free_run: of what was traced by the free run, measured less
-    simulated volts (m, axes) from the split on, as far as is shown, before and after, NaN where that set its state;
-    base: of a rate sensor, the line V0 + S Ω as fitted; unconfirmed: where nothing is named, the best candidate all the
-    same, None where there is none.
+    part held out, what the effects account for, None where none are named; left: what the residual still holds with the
+    effects, where something is left; probabilities: one for each effect that is named, one where none is, none where
+    nobody was carried; undetermined: sentences on constants that the record does not determine; dependences: of several
+    records, what goes with their covariate; free_run: of what was traced by the free run, measured less simulated volts
+    (m, axes) from the split on, as far as is shown, before and after, NaN where that set its state; base: of a rate
+    sensor, the line V0 + S Ω as fitted; unconfirmed: where nothing is named, the best candidate all the same, None
+    where there is none.
     """
 
     verdict: Verdict

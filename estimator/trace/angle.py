@@ -1,7 +1,8 @@
 """What stays uncertain of the angle when the effects that were found are carried: what could not be compensated.
 
 A coefficient is known within its interval only, and of two effects that a record cannot tell apart either may be the
-one.  The bench's own observer reads the record once for each such possibility; how far its angle moves is the bound.
+one.  The bench's own observer reads the whole record once for each such possibility.  Angles are those that a run
+reports: zero where it begins to be scored.
 """
 
 from collections.abc import Iterable
@@ -28,23 +29,33 @@ class AngleReader:
     _known: dict[str, Array] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
-    def of(cls, problem: Problem, samples: int, seen: Iterable[Figures]) -> "AngleReader":
-        """A reader of the first samples, which does not read again what examinations of the record read already."""
-        reader = cls(problem.part(slice(0, samples)))
+    def of(cls, problem: Problem, seen: Iterable[Figures]) -> "AngleReader":
+        """A reader which does not read again what examinations of the record read already."""
+        reader = cls(problem)
         bare = problem.carrying({})
         for one in seen:
             if isinstance(one, Examination) and one.problem.record is problem.record:
                 other = one.problem.carrying({})
                 if (other.settings, other.controller) == (bare.settings, bare.controller):
-                    reader._keep(one.problem.effects, one.estimates.angle[:samples])
+                    reader._keep(one.problem.effects, one.estimates.angle)
         return reader
 
     def _keep(self, effects: Effects, read: Array) -> None:
-        start = settled_from(self.problem.settings, self.problem.device, len(read))
-        self._known[repr(effects)] = np.asarray(read[start:])
+        start = self._scored_from(len(read))
+        self._known[repr(effects)] = np.asarray(read[start:] - read[start])
+
+    def _scored_from(self, samples: int) -> int:
+        """First of so many samples that is scored; that where the observer has settled, if the record ends before."""
+        problem = self.problem
+        if problem.scored_from is not None:
+            steps = problem.record.step[:samples]
+            begun = int(np.searchsorted(np.cumsum(steps) - steps[0], problem.scored_from - 1e-3 * steps[0]))
+            if begun < samples - 1:
+                return begun
+        return settled_from(problem.settings, problem.device, samples)
 
     def angle(self, effects: Effects) -> Array:
-        """Angle [rad] of each sample once the start is over."""
+        """Angle [rad] of each scored sample, zero at the first."""
         problem = self.problem.carrying(effects)
         if repr(problem.effects) not in self._known:
             observer = Observer(problem.device, problem.settings, problem.controller)
@@ -53,7 +64,7 @@ class AngleReader:
         return self._known[repr(problem.effects)]
 
     def moved(self, effects: Effects, others: Effects) -> float:
-        """How far in rad, at most, the angle moves when the others are carried in place of these."""
+        """Largest change of the angle, rad, when the others are carried in place of these."""
         one, other = together(lambda: self.angle(effects), lambda: self.angle(others))
         return float(np.max(np.abs(one - other)))
 

@@ -28,7 +28,7 @@ class Member:
 @dataclass(frozen=True)
 class Pool:
     """Records of one device; `covariate` names what was other on each, None where nothing is said to have been;
-    `controller` where one was at work on all of them.
+    `controller` where one was at work on all of them; scored_from: as of a `Problem`, of each record.
     """
 
     members: tuple[Member, ...]
@@ -36,6 +36,7 @@ class Pool:
     settings: ObserverSettings
     covariate: str | None = None
     controller: ControllerSettings | None = None
+    scored_from: float | None = None
 
     def of(self, members: Sequence[Member]) -> "Pool":
         """The same device with these records."""
@@ -43,7 +44,7 @@ class Pool:
 
     def problem(self, member: Member) -> Problem:
         """A record by itself."""
-        return Problem(member.record, self.device, self.settings, self.controller)
+        return Problem(member.record, self.device, self.settings, self.controller, self.scored_from)
 
     @property
     def hardest(self) -> Problem:

@@ -21,13 +21,15 @@ def unseen(stage: str, done: int, total: int) -> None:
 class Problem:
     """A record and the observer that is to follow it; `controller` None where no control was at work or none is known.
 
-    The effects that the observer carries are those of its settings.
+    The effects that the observer carries are those of its settings.  scored_from: of the record, s, from where on its
+    angle is reported; None: from where the observer has settled.
     """
 
     record: Record
     device: Device
     settings: ObserverSettings
     controller: ControllerSettings | None = None
+    scored_from: float | None = None
 
     @property
     def effects(self) -> Effects:

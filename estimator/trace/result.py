@@ -16,7 +16,6 @@ from estimator.trace.likelihood import Check
 from estimator.trace.named import effects_of, found_of
 from estimator.trace.pairs import pairs_of
 from estimator.trace.pooled_layout import of_records
-from estimator.trace.prediction import READ
 from estimator.trace.probabilities import probabilities
 from estimator.trace.problem import Problem, Progress
 from estimator.trace.rejected import Failed, rejected
@@ -91,7 +90,7 @@ def diagnosis(
 ) -> Diagnosis:  # fmt: skip
     """What a trace of a motion answers; dependences: of several records, what goes with their covariate."""
     evidence, model = judged.evidence, judged.evidence.model
-    reader = AngleReader.of(problem, min(split, READ), figures)
+    reader = AngleReader.of(problem, figures)
     carried = of_records(effects_of(model))
     named = [name for name in judged.named if name in carried]
     effects = tuple(side_by_side([partial(found_of, name, evidence, carried, reader) for name in named]))

@@ -70,7 +70,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         for symbol, found in effect.coefficients.items():
             say(f"  {symbol} = {estimate(found)}, 95 %")
         left = effect.angle_bound_rad
-        rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
+        rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} (95 %)"
         say(f"  {effect.compensation}{rest}")
     if (best := diagnosis.unconfirmed) is not None:
         say()
@@ -99,7 +99,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         whose = "it" if len(diagnosis.effects) == 1 else "what brings the residual down"
         moved = quantity(diagnosis.angle_moved_rad, "rad")
         say()
-        say(f"including {whose} in the model moves the angle by {moved} at most")
+        say(f"including {whose} in the model moves the reported angle by up to {moved} over the scored window")
     if diagnosis.share is not None and diagnosis.verdict == "partly explained":
         say()
         say(f"accounts for {diagnosis.share:.1%} of the power above the noise floor on the part held out")
@@ -118,7 +118,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         alike = "" if pair.correlation is None else f" (correlation of their signatures {pair.correlation:.5f})"
         told = told_apart(pair)
         apart = pair.angle_apart_rad
-        hangs = "" if apart is None else f"; the angle moves by {quantity(apart, 'rad')} at most if it is that"
+        hangs = "" if apart is None else f"; the angle moves by up to {quantity(apart, 'rad')} if it is that"
         say(f"  {pair.effect} from {pair.with_}{alike}{hangs}; {told}")
     if diagnosis.rejected:
         say()

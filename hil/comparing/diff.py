@@ -180,7 +180,7 @@ def _of_trace(found: Any) -> Iterator[tuple[str, _Value]]:
     for part, fit in (("before", found.held_out.before), ("after", found.held_out.after)):
         yield f"residual over floor, held out, {part}", ("", fit.ratio, None)
         yield f"residual, rms, held out, {part}", (found.sense_unit, fit.innovation_rms, None)
-    yield "angle moves, at most", ("rad", found.angle_moved_rad, None)
+    yield "largest change of the angle", ("rad", found.angle_moved_rad, None)
     for effect in found.effects:
         yield f"{effect.name}: evidence", ("", effect.evidence, None)
         for symbol, one in effect.coefficients.items():

@@ -259,7 +259,9 @@ class Diagnosis(json_file.Sealed, json_file.Strict):
     )
     equations: tuple[str, ...] = Field(description="All that is added to the base model")
     angle_moved_rad: float | None = Field(
-        default=None, description="Largest change of the angle when the model includes all that reduces the residual"
+        default=None,
+        description="Largest change of the reported angle over the scored window when the model includes all that "
+        "reduces the residual",
     )
     sense_unit: str = Field(default="V", description="Unit of what is sensed: V, or the sensor's own, as px or µstrain")
     prepared: tuple[str, ...] = Field(

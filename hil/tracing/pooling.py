@@ -57,7 +57,14 @@ def trace_pool_files(request: TraceRequest, bench: Bench, out: Path, progress: W
         except ModelError as error:
             raise InputError(f"{place}: {error}") from None
         members.append(Member(each, numbers, _covariate(place, record, covariate)))
-    pool = Pool(tuple(members), device, observer_settings_of(bench), covariate, control_of(bench, records[0]))
+    pool = Pool(
+        tuple(members),
+        device,
+        observer_settings_of(bench),
+        covariate,
+        control_of(bench, records[0]),
+        bench.loop.settle_s,
+    )
     judges = _judges(names, request.hold_out) or held_out_by_default(pool)
     left = TimeLeft()
 

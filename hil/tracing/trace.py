@@ -89,7 +89,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         _require_unclipped(captured)
         require_traceable(record, device, split)
         left = TimeLeft()
-        problem = Problem(record, device, settings, control_of(bench, captured))
+        problem = Problem(record, device, settings, control_of(bench, captured), bench.loop.settle_s)
 
         def told(stage: str, done: int, total: int) -> None:
             progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))

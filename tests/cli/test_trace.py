@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from hil.bench import load_bench
+from hil.records.runfolder import RunFolder
 from tests.cli.conftest import Hil, in_lockstep
 
 RATE = 4000.0
@@ -90,6 +91,7 @@ def test_a_record_that_lacks_nothing_is_adequate(hil: Hil, recorded: Path) -> No
 @pytest.mark.long
 def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_path: Path) -> None:
     source = in_lockstep("s-undeclared", duration_s=5.0, settle_s=2.0)
+    source = source.replace("estimate_every = 40", "estimate_every = 1")  # the trace counts every sample
     (tmp_path / "mine.bench.toml").write_text(source, encoding="utf-8")
     board = ("--link", "inproc:s-undeclared", "--json")
     code, out, err = hil("run", "mine.bench.toml", *board, "--truth", "before.arrow")
@@ -110,6 +112,15 @@ def test_what_is_missing_is_named_added_and_gone_in_the_next_run(hil: Hil, tmp_p
     assert diagnosis["held_out"]["before"]["ratio"] > 2.0
     assert diagnosis["held_out"]["after"]["ratio"] < 1.05
     assert "cubic_stiffness" in load_bench(Path("new.bench.toml")).effects.named
+    code, out, err = hil("replay", str(before), "--bench", "new.bench.toml", "--json")
+    assert code == 0, err
+    with_it = RunFolder.open(Path("runs") / json.loads(out)["run"]).estimates
+    without = RunFolder.open(before).estimates
+    assert with_it is not None
+    assert without is not None
+    moved = with_it.settled(2.0)["angle_rad"] - without.settled(2.0)["angle_rad"]
+    largest = np.max(np.abs(moved - moved[0]))
+    assert diagnosis["angle_moved_rad"] == pytest.approx(largest, rel=1e-3)
     code, out, err = hil("run", "new.bench.toml", *board, "--truth", "after.arrow")
     assert code == 0, err
     errors = []

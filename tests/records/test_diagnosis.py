@@ -406,12 +406,12 @@ def test_a_page_that_names_nothing_tells_of_nothing_found(tmp_path: Path) -> Non
     page = written(tmp_path, nothing)
     assert "by what was found" not in page
     assert "The angle moves by" in page
-    assert "at most, by the fitted candidate that is not named" in page
+    assert "largest change, by the fitted candidate that is not named" in page
     spectrum = page[page.index("Spectrum of the residual") :].partition("</svg>")[0]
     assert "3.00 times the floor." in spectrum
     assert "before" not in spectrum
     named = written(tmp_path, replace(answer(), angle_moved=5.54))
-    assert "at most, by what was found" in named
+    assert "largest change, by what was found" in named
     assert "3.00 times the floor before, 1.00 after." in named
 
 

@@ -87,11 +87,27 @@ def test_the_start_of_the_record_is_not_read(monkeypatch):
     asked = problem()
     reader = AngleReader(asked)
     settled = 3.0 * min(ObserverSettings().memory, 1.0) * DEVICE.sample_rate
-    assert reader.angle({})[0] == min(int(settled), N // 4)
+    np.testing.assert_array_equal(reader.angle({}), np.arange(float(N - min(int(settled), N // 4))))
     assert reader.angle({}) is reader.angle({})
     assert read == [1]
     assert reader == AngleReader(asked)
     assert "_known" not in repr(reader)
+
+
+@pytest.mark.parametrize("scored_from", [None, 0.0, 0.1, 10.0])
+def test_an_angle_moves_from_where_it_is_reported_to_the_end_of_the_record(monkeypatch, scored_from):
+    """Two angles 5 rad apart at first, and by 1 mrad more a sample after half of the record: zero is where they are
+    reported, and the part held out counts.  A record that ends before is reported once the observer has settled."""
+    later = np.maximum(np.arange(N) - N // 2, 0.0)
+    monkeypatch.setattr(angle, "Observer", lambda _, settings, __: SimpleNamespace(
+        hold_coefficients=lambda: None, angle=(5.0 + 1e-3 * later) if settings.effects else 0.0 * later
+    ))  # fmt: skip
+    monkeypatch.setattr(angle, "run", lambda observer, record: observer)
+    asked = replace(problem(), scored_from=scored_from)
+    reader = AngleReader.of(asked, [])
+    begun = {0.0: 0, 0.1: 400}.get(scored_from, N // 4)
+    assert len(reader.angle({})) == N - begun
+    assert reader.moved({}, asked.effects) == pytest.approx(1e-3 * (N - 1 - N // 2))
 
 
 def examined(asked: Problem) -> Examination:
@@ -103,8 +119,8 @@ def examined(asked: Problem) -> Examination:
 
 def test_an_angle_that_an_examination_read_is_the_one_that_would_be_read():
     asked = problem()
-    fresh = AngleReader(asked.part(slice(0, SPLIT)))
-    reader = AngleReader.of(asked, SPLIT, [examined(asked), examined(asked.carrying({}))])
+    fresh = AngleReader(asked)
+    reader = AngleReader.of(asked, [examined(asked), examined(asked.carrying({}))])
     assert len(reader._known) == 2
     for effects in ({}, asked.effects):
         np.testing.assert_array_equal(reader.angle(effects), fresh.angle(effects))
@@ -113,7 +129,7 @@ def test_an_angle_that_an_examination_read_is_the_one_that_would_be_read():
 def test_an_examination_by_another_observer_or_of_another_record_says_nothing_of_the_angle():
     asked = problem()
     others = asked.under(replace(asked.settings, initial={"kxx": 1.01 * DEVICE.target})), problem()
-    assert not AngleReader.of(asked, SPLIT, map(examined, others))._known
+    assert not AngleReader.of(asked, map(examined, others))._known
 
 
 def test_what_is_shifted_is_shifted_as_asked():

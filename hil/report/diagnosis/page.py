@@ -216,7 +216,7 @@ def equations_of(diagnosis: Diagnosis, *, declarable: bool = True) -> str:
         lines = "".join(f"<div>{typeset(equation)}</div>" for equation in effect.equations)
         key = f" <code>[effects.{escape(effect.name)}]</code>" if declarable else ""
         left = effect.angle_bound_rad
-        rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} at most"
+        rest = "" if left is None else f"; the angle stays uncertain by {quantity(left, 'rad')} (95 %)"
         remedy = markup.sentence(("Once declared: " if declarable else "Compensation: ") + effect.compensation + rest)
         parts.append(
             f'<h3>{escape(effect.title.rstrip("."))}{key}</h3><div class="equation" tabindex="0">{lines}</div>'
@@ -247,7 +247,7 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
             entries.append((what, sensed(now, unit), f"rms; before {sensed(was, unit)}"))
     if diagnosis.angle_moved_rad is not None:
         by = "what was found" if changed else "the fitted candidate that is not named"
-        entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), f"at most, by {by}"))
+        entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), f"largest change, by {by}"))
     return entries
 
 

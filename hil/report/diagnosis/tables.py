@@ -160,7 +160,7 @@ def separations(diagnosis: Diagnosis) -> str:
     ]
     caption = (
         "Effects that this record does not separate; correlation of their signatures here, and in the experiment; how "
-        "long that has to last; how far the angle moves, at most, if it is the other"
+        "long that has to last; the largest change of the angle if it is the other"
     )
     head = ("effect", "not separated from", "here", "what separates them", "there", "lasting", "angle")
     return table(caption, head, rows, (2, 4, 5, 6)) if rows else ""
