@@ -12,31 +12,28 @@ from hil.verdict.budget import largest_source
 from hil.verdict.remedies import remedy
 
 _OPEN_LOOP = (
-    "no angle is reported: {why}; run with the control law on, or with "
+    "no angle to judge: {why}; run with the control law on for one, or with "
     '[observer] variant = "sense", which integrates the rate'
 )
 _BEYOND = 2.0
 """Expanded uncertainties, four standard ones: an honest angle is off by more in one run of 16 000."""
 _UNTOLD = "the observer gives no uncertainty of its angle (angle_u); hil score with a truth shows its error"
-_FROM_ELSEWHERE = "no angle is reported: an imported record without control is judged by its model"
+_FROM_ELSEWHERE = "no angle to judge: an imported record without control is judged by its model"
 
 
 def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
     """Share of the scored window at which energy and quadrature were outside their limits, and the expanded uncertainty
     at its end.
 
-    A gyro that was run and reports no angle, or one of which nobody knows what it is worth, has failed in that part; so
-    has one whose angle is off by more than it says, where the truth was told.
+    A run that was asked for no angle is not judged by it. One of whose angle nobody knows what it is worth has failed
+    in that part; so has one whose angle is off by more than it says, where the truth was told.
     """
     estimates, limits = folder.estimates, bench.limits
     if estimates is None or "energy_ratio" not in estimates:
         return Part(outcome="unknown")
     if estimates.header.get("angle") == "none":
-        asked = folder.capture is None or folder.capture.header.get("identity") is not None
-        return Part(
-            outcome="failed" if asked else "unknown",
-            reason=_OPEN_LOOP.format(why=formula_of(bench).why) if asked else _FROM_ELSEWHERE,
-        )
+        ran = folder.capture is None or folder.capture.header.get("identity") is not None
+        return Part(outcome="unknown", reason=_OPEN_LOOP.format(why=formula_of(bench).why) if ran else _FROM_ELSEWHERE)
     scored = estimates.settled(bench.loop.settle_s)
     if not len(scored):
         return Part(outcome="unknown")

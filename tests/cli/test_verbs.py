@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from hil.bench import load_bench
+from hil.bench.examples import find
 from tests.cli.conftest import Hil
 
 pytestmark = pytest.mark.slow  # whole processes
@@ -92,10 +93,25 @@ def test_open_loop_drives_nothing(hil: Hil, short_bench: str, tmp_path: Path) ->
     from hil.records.capture import read_capture
 
     code, out, err = hil("run", short_bench, "--link", "inproc:s-slow", "--open-loop")
-    assert code == 1, err  # it has no angle, and says so
-    assert "no angle is reported" in " ".join((out + err).split())
+    assert code == 0, err  # it has no angle to judge, and says so
+    assert "no angle to judge" in " ".join((out + err).split())
     (folder,) = (tmp_path / "runs").iterdir()
     assert not read_capture(folder / "capture.arrow").drive.any()
+
+
+@pytest.mark.parametrize(("file", "name"), [("left.bench.toml", "left"), ("My gyro (2).toml", "My-gyro-2-")])
+def test_a_bench_file_is_called_by_its_file(hil: Hil, tmp_path: Path, file: str, name: str) -> None:
+    """With every number given nothing is left to be filled in."""
+    numbers = {"resonance": 15000, "q": 5000, "mass": 1e-8, "amplitude": 1e-6, "sample-rate": 1e5, "sense-gain": 1e5,
+               "noise": 1e-4, "full-scale": 100}  # fmt: skip
+    given = [word for option, value in numbers.items() for word in (f"--{option}", str(value))]
+    code, out, _ = hil("init", *given, "-o", file, "--json")
+    assert (code, json.loads(out)["missing"]) == (0, [])
+    bench = load_bench(tmp_path / file)
+    assert (bench.device.name, bench.loop.name) == (name, name)
+    hil("init", "--like", "s-slow", "--name", "mine", "-o", file, "--replace")
+    bench = load_bench(tmp_path / file)
+    assert (bench.device.name, bench.loop.name) == ("mine", load_bench(find("bench", "s-slow")).loop.name)
 
 
 def test_init_from_board_fills_in_what_it_says(hil: Hil, tmp_path: Path) -> None:

@@ -89,9 +89,7 @@ def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_with_the_loop_open_nothing_is_driven(tmp_path: Path) -> None:
-    """And a ring-down is no fault: the verdict asks for no energy that nobody puts in. Yet there is no angle, and a run
-    without one is not good.
-    """
+    """And a ring-down is no fault: the verdict asks for no energy that nobody puts in, and judges no angle."""
     scenario = gyro.scenario(tmp_path / "board.toml")
     done = go(gyro.bench(2.0), f"inproc:{scenario}", tmp_path / "runs", open_loop=True)
     assert done.folder is not None
@@ -101,9 +99,10 @@ def test_with_the_loop_open_nothing_is_driven(tmp_path: Path) -> None:
     assert folder.result is not None
     assert not folder.capture.drive.any()
     assert folder.estimates["energy_ratio"][-1] < 0.2
-    assert folder.result.verdict == "failed"
-    assert [name for name, part in folder.result.parts.items() if part.against] == ["angle"]
-    assert "no angle is reported" in folder.result.reasons[0]
+    assert (folder.result.verdict, folder.result.reasons) == ("good", ())
+    assert {name: part.outcome for name, part in folder.result.parts.items()} == {
+        "safety": "good", "machine": "good", "model": "complete", "angle": "unknown",
+    }  # fmt: skip
     assert folder.bench["controller"]["enabled"] is False  # the bench as run
 
 

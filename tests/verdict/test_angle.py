@@ -137,12 +137,12 @@ def recorded(**header: Any) -> Capture:
     return Capture({"tick": np.arange(3)}, {"tick_rate_Hz": 10.0, **header}, True)
 
 
-def test_a_gyro_in_open_loop_has_failed_and_an_imported_record_is_unknown() -> None:
+def test_without_an_angle_there_is_nothing_to_judge() -> None:
     silent = estimates({"angle": "none"})
     for run in (None, recorded(identity={"unique_id": "a1"})):
         part = judged(silent, None, run, controlled=False)
-        assert part.outcome == "failed"
-        assert part.reason.startswith("no angle is reported: without control")
+        assert part.outcome == "unknown"
+        assert part.reason.startswith("no angle to judge: without control")
     part = judged(silent, None, recorded())
     assert part.outcome == "unknown"
     assert "imported record" in part.reason
