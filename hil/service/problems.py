@@ -2,7 +2,9 @@
 
 import logging
 import sqlite3
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
@@ -22,6 +24,7 @@ _UNDONE = "nothing was done; make room and ask again"
 _LOG = logging.getLogger("hil.service")
 _OTHERWISE = {
     404: "GET /openapi.json lists what there is",
+    409: "GET /api/board says how the board stands; ask again when that allows it",
     413: "send less, or do it beside the service with hil",
     503: "ask again; hil serve's output says why, where it stays so",
     507: _UNDONE,
@@ -80,9 +83,7 @@ def answer_problems(app: FastAPI) -> None:
 
     @app.exception_handler(RequestValidationError)
     async def _invalid(_: Request, error: RequestValidationError) -> JSONResponse:
-        first = error.errors()[0]
-        place = ".".join(str(part) for part in first["loc"])
-        return problem_response(422, f"{place}: {first['msg']}", _ASK_RIGHTLY)
+        return problem_response(422, *_in_words(error.errors()[0]))
 
     @app.exception_handler(FileNotFoundError)
     async def _gone(_: Request, error: FileNotFoundError) -> JSONResponse:
@@ -107,3 +108,25 @@ def answer_problems(app: FastAPI) -> None:
             return problem_response(ending.status, line, "the service's output has the details")
         remedy = _UNDONE if ending.status == NO_ROOM else ""
         return problem_response(ending.status, str(error) if isinstance(error, InputError) else ending.line, remedy)
+
+
+_WORDS = {
+    "missing": "missing",
+    "extra_forbidden": "unknown key",
+    "model_attributes_type": "expected an object of JSON",
+}
+
+
+def _in_words(mistake: Mapping[str, Any]) -> tuple[str, str]:
+    """What is wrong with a request by the first thing that pydantic says, and what to do."""
+    kind, (where, *parts), context = mistake["type"], mistake["loc"], mistake.get("ctx", {})
+    if kind == "json_invalid":
+        place = f", at character {parts[0]}" if parts else ""
+        return f"the {where} is not JSON: {context.get('error', mistake['msg'])}{place}", "send JSON"
+    if kind.startswith("union_tag_"):
+        key = ".".join(map(str, (*parts, context["discriminator"].strip("'"))))
+        if kind == "union_tag_not_found":
+            return f"{key}: missing", _ASK_RIGHTLY
+        return f"{key}: {context['tag']!r} is unknown", f"give one of {context['expected_tags'].replace(chr(39), '')}"
+    place = ".".join(map(str, parts)) or f"the {where}"
+    return f"{place}: {_WORDS.get(kind, mistake['msg'])}", _ASK_RIGHTLY

@@ -122,6 +122,24 @@ def test_bodies(service: Serving, lease: dict[str, str]) -> None:
 
 
 @pytest.mark.parametrize(
+    ("sent", "error", "remedy"),
+    [
+        (b'{"kind": "run",}', "the body is not JSON: ", "send JSON"),
+        (b"{}", "kind: missing", "GET /openapi.json says what is expected"),
+        (b'{"kind": "pyramid"}', "kind: 'pyramid' is unknown", "give one of run, record, trace"),
+        (b"[]", "the body: expected an object of JSON", "GET /openapi.json says what is expected"),
+        (b'{"kind": "trace"}', "trace.run: missing", "GET /openapi.json says what is expected"),
+        (b'{"kind": "import", "upload": "a", "uplaod": "b"}', "import.uplaod: unknown key", "GET /openapi.json"),
+    ],
+)
+def test_what_is_wrong_is_said_in_plain_words(service: Serving, sent: bytes, error: str, remedy: str) -> None:
+    answer = service.ask("POST", "/api/jobs", content=sent, headers={"content-type": "application/json"})
+    assert answer.status_code == 422
+    assert answer.json()["error"].startswith(error)
+    assert answer.json()["remedy"].startswith(remedy)
+
+
+@pytest.mark.parametrize(
     "sent",
     [
         b"GET /api/board HTTP/1.1\r\nHost: {}\r\nAuthorization: Bearer \xff\xfe\r\n\r\n",

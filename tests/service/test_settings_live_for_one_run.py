@@ -111,6 +111,22 @@ def test_the_watchdog_that_applies_is_shown_where_none_is_declared(operator: Ope
     assert told(operator, bench_toml=text.replace("watchdog_s = 0.02", "watchdog_s = 0.03"))["watchdog"] == "0.03 s"
 
 
+def test_a_setting_that_the_board_cannot_have_is_refused_when_it_is_asked_for(operator: Operator) -> None:
+    """By the name of the link that was connected; a start that brings it is refused with the same reason."""
+    headers = {"x-lease": operator.lease}
+    patch = operator.service.ask("PATCH", "/api/board/settings", json={"amplitude": 1.0}, headers=headers)
+    body = {"consent": True, "settings": {"amplitude": 1.0}}
+    start = operator.service.ask("POST", "/api/board/start", json=body, headers=headers)
+    for refused in (patch, start):
+        assert refused.status_code == 409
+        assert refused.json()["error"].startswith("with amplitude = 1: pty:s-slow")
+        assert "the board's converter ends at" in refused.json()["error"]
+        assert refused.json()["remedy"] == "correct gain or amplitude"
+    assert operator.state["next_settings"] == {}
+    operator.ask("PATCH", "/api/board/settings", json={"amplitude": 1.2e-4})
+    assert operator.state["next_settings"] == {"amplitude": 1.2e-4}
+
+
 @pytest.mark.slow
 def test_a_start_is_held_to_what_was_shown(operator: Operator) -> None:
     asked = {"bench": BENCH, "settings": {"dither": 0.1}}

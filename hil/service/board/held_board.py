@@ -348,7 +348,8 @@ class HeldBoard:
             return
         if self._link is None or self.busy:
             start.control.close()
-            answer({"refused": "a run is under way" if self.busy else "no board is connected"})
+            under_way = "a run is under way; stop it, or wait for its end"
+            answer({"refused": under_way if self.busy else "no board is connected; connect one"})
             return
         self._close()
         if start.request.own_board and not self._in_process:

@@ -137,7 +137,7 @@ class _Keeper:
 
     def _start(self, message: Message, answer: Any) -> None:
         if self._starting or self._board.busy:
-            answer({"refused": "a run is under way"})
+            answer({"refused": "a run is under way; stop it, or wait for its end"})
             return
         self._starting = True
 

@@ -56,6 +56,7 @@ class BoardPart:
         self._next_of: str | None = None
         self._bench: Bench | None = None  # of the run under way
         self._bench_name: str | None = None
+        self._link: str | None = None  # as the client called it
         self._safe: asyncio.Event = asyncio.Event()
         self.line = BoardLine(service.private, self._heard)
         self.leases = Leases(self._changed)
@@ -83,7 +84,7 @@ class BoardPart:
         await self.line.start()
         self._next = {}
         await self.line.ask("connect", _START_S, link=place.url)
-        self._bench_name = bench
+        self._bench_name, self._link = bench, link
         self._changed()
         return self.state
 
@@ -127,9 +128,24 @@ class BoardPart:
             raise Problem(409, "no board is connected", "POST /api/board/connect")
         name = start.bench or self._bench_name
         request = await asyncio.to_thread(self._declared, name, start)
-        bench = with_settings(request.bench, self._waiting() | start.settings)
+        changed = self._waiting() | start.settings
+        try:
+            bench = with_settings(request.bench, changed)
+            await asyncio.to_thread(self._require_suitable, bench)
+        except InputError as refusal:
+            told = ", ".join(f"{name} = {value:g}" for name, value in changed.items())
+            raise Problem(409, f"with {told}: {refusal}" if changed else str(refusal)) from None
         facts = drives(bench, request.link, request.bench)
         return replace(request, bench=bench), facts
+
+    def _require_suitable(self, bench: Bench) -> None:
+        """Refuse a bench that the board that is connected cannot run, as far as it has said what it is."""
+        if (said := self._told["identity"]) is not None:
+            from hil.running.preflight import require_suitable
+            from hil.wire.messages import Identity
+
+            identity = Identity(**{name: said[name] for name in Identity._fields})
+            require_suitable(bench, identity, self._link or self._told["link"])
 
     def _declared(self, name: str | None, start: Start) -> RunRequest:
         declared: Any = None
@@ -193,6 +209,8 @@ class BoardPart:
             if now:
                 await self.line.ask("settings", settings=now)
         else:
+            if self._bench_name is not None:
+                await self._asked(Start(None, None, given, {}))  # refuses what a start would
             later, now = dict.fromkeys(given, "no loop runs"), {}
         self._next = self._waiting() | {name: given[name] for name in later}
         self._next_of = self.leases.key
