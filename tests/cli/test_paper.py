@@ -25,6 +25,14 @@ def test_a_table_fits_and_has_every_cell(columns: int, capsys: pytest.CaptureFix
         assert all(word in printed.split() for cell in cells[0] for word in cell.split())
 
 
+def test_the_first_column_is_broken_only_where_the_others_need_the_room(capsys: pytest.CaptureFixture[str]) -> None:
+    name = ROW.name
+    Paper().table(["method", "mrad"], [[name, "18 000"]], right=(1,), fit=100)
+    assert name in capsys.readouterr().out
+    Paper().table(["method", "mrad"], [[name, "18 000"]], right=(1,), fit=len(name) + 7)
+    assert name not in capsys.readouterr().out
+
+
 def test_an_observer_without_an_uncertainty_says_so() -> None:
     assert short_cells(ROW)[2] == "not given"
     assert short_cells(ROW.model_copy(update={"kind": "prior art"}))[2] == ""
