@@ -20,7 +20,7 @@ PluginKind = Annotated[
     str | None,
     typer.Option("--plugin", help="Write a plug-in that runs as it is: observer or controller; in C with -o NAME.c."),
 ]
-Device = Annotated[str | None, typer.Option("--name", help="Name of the device, in reports.")]
+Device = Annotated[str | None, typer.Option("--name", help="Name of the device.  [default: that of the file]")]
 Mass = Annotated[float | None, typer.Option("--mass", help="Proof mass, kg.")]
 Resonance = Annotated[float | None, typer.Option("--resonance", help="Mean of the two resonances, Hz.")]
 Split = Annotated[float | None, typer.Option("--split", help="One resonance less the other, Hz.")]
@@ -78,6 +78,7 @@ def init(
     from hil.errors import InputError
     from hil.records.atomic import write_text
     from hil.records.kind import fresh
+    from hil.records.run_name import named_by
     from hil.toml.strict import parse_table, table_of
 
     if plugin is not None:
@@ -105,6 +106,8 @@ def init(
         "device.drive": {} if full_scale is None else {"full_scale": full_scale, **IN_MPS2},
     }  # fmt: skip
     known = put_in(known, {name: {k: v for k, v in one.items() if v is not None} for name, one in given.items()})
+    nameless = [section for section in ("device", "loop") if "name" not in known.get(section, {})]
+    known = put_in(known, {section: {"name": named_by(out)} for section in nameless})
     open_keys, text = missing(known), template(known, heading)
     bench = None if open_keys else parse_table(table_of(text.encode(), str(out)), Bench, str(out))
     write_text(out, text)

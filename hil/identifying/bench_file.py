@@ -50,6 +50,7 @@ def values_of(found: Findings, name: str, mass_kg: float | None) -> dict[str, di
             "offset_V": float(3.0 * max(found.u(f"offset_{axis}") for axis in "xy") + 1e-3 * np.max(found.noise_V))
         },
         "controller": {"target_stiffness_N_per_m": mass * omega**2},
+        "loop": {"name": name},
     }
     return put_in(measured, found.settings)
 

@@ -51,7 +51,7 @@ class IdentifyOptions(TypedDict, total=False):
     ]
     name: Annotated[
         Annotated[str, MaxLen(60), Like(RUN_NAME)] | None,
-        Help("Name of the device, in file and reports.  [default: identify]"),
+        Help("Name of the device, in file and reports.  [default: that of the bench file]"),
     ]
 
 

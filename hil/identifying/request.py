@@ -16,6 +16,7 @@ from hil.identifying.recording import ticks
 from hil.numbers import counted
 from hil.options import chosen
 from hil.records.kind import fresh
+from hil.records.run_name import named_by
 
 
 @dataclass(frozen=True)
@@ -61,7 +62,7 @@ def request_of(link: str | None, out: Path | None, options: LocalIdentifyOptions
             raise InputError(f"{name}: {given[name]:g}; give a number above 0")
     del given["replace"]
     given["wishes"] = Wishes(*(given.pop(name) for name in Wishes._fields))
-    given["name"] = given["name"] or "identify"
+    given["name"] = given["name"] or ("identify" if out is None else named_by(out))
     return IdentifyRequest(
         None if link is None else located(link), out, records,
         None if like is None else load_bench(find("bench", like)), **given,

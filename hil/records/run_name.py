@@ -1,6 +1,7 @@
 """What a run may be called: its folder is named so, on every file system and in every shell."""
 
 import re
+from pathlib import Path
 from typing import Annotated
 
 from annotated_types import MaxLen
@@ -11,7 +12,13 @@ RUN_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 RunNameOption = Annotated[
     Annotated[str, MaxLen(60), Like(RUN_NAME)] | None, Help("Last part of the run's name; by default the bench's.")
 ]
-_MOST = 100
+_MOST, _OF_A_FILE = 100, 60
+
+
+def named_by(file: Path) -> str:
+    """What a run is called by its bench file: the file's name without what says its kind."""
+    stem = file.name.removesuffix(".toml").removesuffix(".bench")
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).lstrip("._-")[:_OF_A_FILE] or "bench"
 
 
 def checked_name(name: str) -> str:

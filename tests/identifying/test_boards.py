@@ -59,6 +59,8 @@ def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert beyond.mean() < 0.01
     page = (done.folder / "report.html").read_text(encoding="utf-8")
     assert page.count("<figure") == 3
+    declared = hil.load_bench(done.bench)
+    assert (declared.device.name, declared.loop.name) == ("my", "my")
     return done.bench
 
 
