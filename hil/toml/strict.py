@@ -4,7 +4,9 @@ pydantic reports several errors at once, each as a paragraph.  A user mends one 
 first is shown, with a count of the others: ``file: [section] key: what is wrong; what was expected``.
 """
 
+import ast
 import difflib
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,11 +15,13 @@ from typing import Any, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import InputError
+from hil.toml.text import toml_key
 from hil.wire.regular_file import what_instead
 from hil.wire.toml_bounds import MOST_BYTES, beyond
 
 Model = TypeVar("Model", bound=BaseModel)
 
+_TWICE = re.compile(r"Cannot (?:declare (\(.+\)) twice|overwrite a value) \((at .+?)(?:, column \d+)?\)")
 _EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -64,7 +68,16 @@ def table_of(raw: bytes, source: str) -> dict[str, Any]:
     except RecursionError:
         raise InputError(f"{source}: not TOML that can be used: nested too deeply; write it flat") from None
     except ValueError as error:  # tomllib's own, and Python's of a number with thousands of digits
-        raise InputError(f"{source}: not TOML: {error}") from None
+        raise InputError(f"{source}: not TOML: {_in_words(str(error))}") from None
+
+
+def _in_words(error: str) -> str:
+    """What tomllib says of a table or a key that is there twice, as one says it; all else as it is."""
+    if found := _TWICE.fullmatch(error):
+        table = ".".join(toml_key(part) for part in ast.literal_eval(found[1])) if found[1] else ""
+        what, remedy = (f"[{table}]", "put its keys into one") if table else ("a key or a table", "take one out")
+        return f"{what} is declared twice ({found[2]}); {remedy}"
+    return error
 
 
 def parse_table(table: Mapping[str, Any], model: type[Model], source: str) -> Model:

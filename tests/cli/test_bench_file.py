@@ -202,6 +202,20 @@ def test_files_that_are_no_toml(tmp_path: Path) -> None:
         load_bench(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("[observer]\nq = 1\n[observer]\n", "[observer] is declared twice (at line 3); put its keys into one"),
+        ("[a]\n[[b]]\n\n[a]\n", "[a] is declared twice (at line 4); put its keys into one"),
+        ("[device.'the sense']\n" * 2, '[device."the sense"] is declared twice (at line 2); put its keys into one'),
+        ("[a]\nq = 1\nq = 1\n", "a key or a table is declared twice (at line 3); take one out"),
+        ("[a]\nq = 1\nq = 1", "a key or a table is declared twice (at end of document); take one out"),
+    ],
+)
+def test_what_is_there_twice_is_named_with_its_line(tmp_path: Path, text: str, expected: str) -> None:
+    assert complaint(tmp_path, text) == f"not TOML: {expected}"
+
+
 def test_overrides_are_checked_like_the_file(tmp_path: Path) -> None:
     bench = load_bench(bench_file(tmp_path, MINIMAL))
     longer = override(bench, {"loop": {"duration_s": 60.0, "clock": "lockstep"}}, "options")
