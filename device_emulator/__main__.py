@@ -67,12 +67,14 @@ def _serve(options: argparse.Namespace) -> None:
         board = Board(scenario, device, (ClockMode.PACED, ClockMode.LOCKSTEP), link.format)
         print(f"ready {link.url}", flush=True)
         line = Line(board, scenario, options.seed) if scenario.faults.on_the_line else None
-        Server(board, link, scenario.true_rate_Hz, line).run(stop, options.parent)
+        ended = Server(board, link, scenario.true_rate_Hz, line).run(stop, options.parent)
         if strangers := getattr(link, "strangers", 0):  # of UDP only
             print(f"device_emulator: {strangers} datagrams of others than the host were dropped", file=sys.stderr)
         if line is not None:
             told = ", ".join(f"{fate} {count}" for fate, count in sorted(line.inflicted.items()))
             print(f"device_emulator: faults inflicted: {told or 'none'}", file=sys.stderr)
+        if ended:
+            print(f"device_emulator: {ended}", file=sys.stderr)
 
 
 def _positive(text: str) -> int:

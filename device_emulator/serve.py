@@ -50,24 +50,25 @@ class Server:
         self._urgent = False
         self._overtaken = False  # samples are made that came due while this process stood still
 
-    def run(self, stop: int, parent: int) -> None:
-        """Serve; returns when it is over. `stop` is the descriptor of `stop_signal`, `parent` the process that this one
-        ends with: its parent may have died before it got here.
+    def run(self, stop: int, parent: int) -> str:
+        """Serve; why it is over, "" where it was told to end. `stop` is the descriptor of `stop_signal`, `parent` the
+        process that this one ends with: its parent may have died before it got here.
         """
         while os.getppid() == parent:
             try:
                 if not self._turn(stop):
-                    return
+                    return ""
             except Unplugged:
-                return
+                return "the scenario unplugs the board"
             except LinkClosed:
                 self._outbox.clear()
                 if self._line is not None:
                     self._line.hang_up()
                 if self._board.registers.lockstep:
-                    return
+                    return "the host hung up, and in lockstep the board ends with it"
                 self._board.hang_up()
                 self._link.await_host()
+        return ""
 
     def _turn(self, stop: int) -> bool:
         """Listen until the next deadline and do what is due then; False when told to stop."""

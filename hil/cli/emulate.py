@@ -60,6 +60,7 @@ def emulate(
     from hil.bench.examples import find
     from hil.boards.emulation import emulator
     from hil.cli.progress import watching
+    from hil.cli.show import say
 
     with ExitStack() as held:
         with watching("emulate") as watch:
@@ -70,3 +71,4 @@ def emulate(
             board = held.enter_context(serving)
         print(dumps({"ready": board.url}) if json else f"ready {board.url}", flush=True)
         board.wait()
+        say(f"emulated board: {board.last_words()}")

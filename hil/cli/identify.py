@@ -55,6 +55,8 @@ def identify(
       hil identify serial:/dev/ttyACM0 --accept --arm
       hil identify --record runs/20260101-120000-identify/20260101-120003-measure -o again.bench.toml
     """
+    from shlex import quote
+
     from hil.cli import consent
     from hil.cli.progress import watching
     from hil.cli.show import print_json, say
@@ -90,7 +92,8 @@ def identify(
         say(line)
     say(f"{done.folder}: records and report.html" + ("" if done.bench is None else f"; {done.bench}: written"))
     if done.bench is not None and link is not None:
-        say(f"next: hil run {done.bench}" + ("" if request.kept_link else f" --link {link}"))
+        at = "" if request.kept_link else f" --link {quote(link)}"
+        say(f"next: hil run {quote(str(done.bench))}{at}")
     raise typer.Exit(ExitCode.GOOD if done.good else ExitCode.AGAINST)
 
 

@@ -8,6 +8,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hil.bench import Bench, load_bench
+from hil.boards.emulation import located
+from hil.errors import InputError
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import Methods
 from hil.records.result import Part, Result, RunVerdict
@@ -25,6 +28,7 @@ _ARRAYS = "ARRAYS.arrow"
 PASSING = "gyrohil-arrays-"
 """How the folder is called in which such arrays are while they are traced or compared."""
 
+_OF_THE_LOOP = {"--clock": "clock", "--duration": "duration_s", "--seed": "seed"}
 _SEVERAL = re.compile(r"\d+ records: ")
 
 
@@ -62,7 +66,7 @@ def after_trace(
     place = _place(folder, diagnosis.record, record)
     if added is not None:
         if place.is_dir():
-            return f"hil run {_quoted(added)}"
+            return _run_as(RunFolder(place), added)
         return f"hil replay {_quoted(place)} --bench {_quoted(added)}"
     if _SEVERAL.match(diagnosis.record) or _has_no_loop(device):  # no bench file is written of what was found
         return _traced(Path(_ANOTHER), bench)
@@ -97,6 +101,30 @@ def _place(folder: Path, name: str, record: Path | None) -> Path:
         return Path(_ARRAYS) if record.parent.name.startswith(PASSING) else run_of(record)
     run = folder.parent / name
     return run if run.is_dir() else Path(f"{name}.arrow")
+
+
+def _run_as(before: RunFolder, bench: Path) -> str:
+    """Another bench file run as that run was: at its link, with what of it the file has otherwise."""
+    was, declared = before.bench, load_bench(bench)
+    link = None if before.result is None else before.result.link
+    told = [] if link is None or link == _link_of(declared, bench) else [f"--link {shlex.quote(link)}"]
+    loop = was.get("loop", {})
+    for option, key in _OF_THE_LOOP.items():
+        value = loop.get(key)
+        if value is not None and value != getattr(declared.loop, key):
+            told.append(f"{option} {value:.10g}" if isinstance(value, float) else f"{option} {value}")
+    if declared.controller.enabled and was.get("controller", {}).get("enabled") is False:
+        told.append("--open-loop")
+    return " ".join(["hil run", _quoted(bench), *told])
+
+
+def _link_of(declared: Bench, bench: Path) -> str | None:
+    """The link of a bench file as a run has it."""
+    url = declared.link.url
+    try:
+        return None if url is None else located(url, beside=bench)
+    except InputError:  # its scenario is not beside this file
+        return None
 
 
 def _has_no_loop(device: Any) -> bool:

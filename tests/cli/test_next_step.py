@@ -5,8 +5,14 @@ from typing import Any
 
 import pytest
 
+from hil.bench import load_bench
+from hil.bench.examples import find
+from hil.bench.template import template, values_of
+from hil.records.atomic import write_sealed
 from hil.records.diagnosis import Coefficient, Diagnosis, FormTerm, MissingForce, Separation
 from hil.records.methods import MethodRow, Methods
+from hil.records.result import Result, save_result
+from hil.records.runfolder import RunFolder
 from hil.verdict.next_step import PASSING, after_comparison, after_trace
 from tests.cli.diagnoses import explained
 
@@ -84,9 +90,35 @@ def test_an_imported_record_is_named_by_its_file(folder: Path) -> None:
     assert after_trace(folder, kept) == f"hil trace elsewhere.arrow --bench {folder}/bench.toml --add better.bench.toml"
 
 
-def test_what_was_added_is_tried_on_the_board_or_on_the_record(folder: Path) -> None:
+@pytest.mark.parametrize(
+    ("link", "as_run", "options"),
+    [
+        ("inproc:s-still", {}, "--link inproc:s-still"),
+        (f"pty:{find('scenario', 's-slow')}", {}, ""),
+        ("pty:my board.toml", {}, "--link 'pty:my board.toml'"),
+        (
+            "inproc:s-slow",
+            {"loop": {"clock": "lockstep", "duration_s": 12.5, "seed": 4}, "controller": {"enabled": False}},
+            "--link inproc:s-slow --clock lockstep --duration 12.5 --seed 4 --open-loop",
+        ),
+    ],
+)
+def test_the_run_with_what_was_added_is_as_the_run_before(
+    folder: Path, link: str, as_run: dict[str, Any], options: str
+) -> None:
+    """At its link, with its options: what the file that declares the effect says otherwise."""
     added = Path("better.bench.toml")
-    assert after_trace(folder, found("explained"), added) == "hil run better.bench.toml"
+    added.write_text(find("bench", "s-slow").read_text(encoding="utf-8"), encoding="utf-8")
+    declared = load_bench(added)
+    run = RunFolder(Path("runs/ride"))
+    write_sealed(run.bench_path, template(values_of(declared.with_(**as_run)), "The bench as run."))
+    save_result(run.result_path, Result(run="ride", link=link, seconds=1.0, samples=1, lost=0, late=0, complete=True))
+    told = after_trace(folder, found("explained"), added)
+    assert told == f"hil run better.bench.toml {options}".rstrip()
+
+
+def test_what_was_added_is_tried_on_the_record(folder: Path) -> None:
+    added = Path("better.bench.toml")
     told = after_trace(folder, found("explained"), added, record=Path("ride.arrow"))
     assert told == "hil replay ride.arrow --bench better.bench.toml"
 
