@@ -203,6 +203,8 @@ def _print_verdict(paper: Paper, result: "Result") -> None:
     assert result.verdict is not None
     against = [name for name, part in result.parts.items() if part.against]
     named = f": {', '.join(against)}" if result.verdict == "failed" and against else ""
+    if result.verdict == "good" and result.angle is not None and result.angle_expanded_rad is None:
+        named = "; the angle's uncertainty is unknown"
     paper.say("verdict  ", end="")
     paper.say(
         f"{result.verdict}{named}", style=_MACHINE_STYLE if against == ["machine"] else _VERDICT_STYLE[result.verdict]
@@ -256,7 +258,7 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     for one in result.algorithm:
         limit = "" if one.limit is None else f", limit {significant(one.limit, 4)} {one.unit}"
         value = "not known" if one.value is None else f"{significant(one.value, 4)} {one.unit}".removesuffix(" 1")
-        yield one.name, f"{value}{limit}"
+        yield one.name.replace("_", " "), f"{value}{limit}"
     if result.bare_turnaround_us is not None:
         yield "the same of a bare read and write", result.bare_turnaround_us.line
     if (sensor := result.sensor) is not None:
@@ -326,7 +328,7 @@ def _print_parameters(paper: Paper, result: "Result") -> None:
             "–" if one is None else plus_minus(factor * parameter.value, factor * half, beside=factor * one)
             for one in numbers
         )
-        rows.append((name, value, *(ends or ("not given", "")), truth, unit))
+        rows.append((name, value, *(ends or ("declared" if parameter.declared else "not given", "")), truth, unit))
     if all(parameter.truth is None for parameter in result.parameters.values()):
         rows = [(*cells, "", unit) for *cells, _, unit in rows]
     paper.table(("parameter", "estimate", "95 % interval", "", "truth", ""), rows, right=range(1, 5))

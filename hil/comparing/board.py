@@ -1,8 +1,13 @@
-"""What the board's own estimator said while a record was made, as a method beside the others."""
+"""What the estimator of a run said while it was recorded, as a method beside the others: that of the board, or the
+loops of a classic mode."""
+
+from dataclasses import replace
 
 import numpy as np
 
+from hil.bench.classic import PLUGIN
 from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse
+from hil.records.estimates import Estimates
 from hil.records.runfolder import RunFolder
 
 ON_THE_BOARD = "on the board"
@@ -12,14 +17,26 @@ ON_THE_BOARD = "on the board"
 def board_course(folder: RunFolder) -> MethodCourse | None:
     """Of a run in board mode; None where the board said nothing. An entry without a deviation is declared to it."""
     board = folder.board_estimates
-    if board is None or not len(board):
+    return None if board is None or not len(board) else _course(board, ON_THE_BOARD, "as the board said")
+
+
+def loops_course(folder: RunFolder) -> MethodCourse | None:
+    """Of a run in a classic mode, the loops that ran; None of any other."""
+    estimates = folder.estimates
+    if estimates is None or not len(estimates) or estimates.header.get("plugins", {}).get("observer") != PLUGIN:
         return None
+    mode = str(folder.bench.get("controller", {}).get("mode", "classic")).replace("_", " ")
+    course = _course(estimates, f"{mode}, as run", "as the loops said")
+    return replace(course, angle_u=None if folder.result is None else folder.result.angle_u_rad)
+
+
+def _course(board: Estimates, name: str, remark: str) -> MethodCourse:
     columns = {label: f"{label}_per_s2" if label in STIFFNESS else f"{label}_per_s" for label in (*STIFFNESS, *DAMPING)}
     deviations = {label: float(board.sd(column)[-1]) for label, column in columns.items()}
     estimated = [label for label, deviation in deviations.items() if deviation > 0.0]
     rate_sd = board.sd("rate_rad_s")
     return MethodCourse(
-        name=ON_THE_BOARD,
+        name=name,
         kind="observer",
         tick=board.tick,
         angle=np.asarray(board["angle_rad"]),
@@ -27,5 +44,5 @@ def board_course(folder: RunFolder) -> MethodCourse | None:
         rate_sd=rate_sd if rate_sd.any() else None,
         parameters={label: float(board[columns[label]][-1]) for label in estimated},
         deviations={label: deviations[label] for label in estimated},
-        remark="as the board said while it was recorded",
+        remark=f"{remark} while it was recorded",
     )

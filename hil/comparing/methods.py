@@ -11,7 +11,7 @@ from estimator.errors import ModelError
 from hil.bench import Bench, override
 from hil.bench.by_verb import of_a_record, require_usable
 from hil.comparing import prior_art
-from hil.comparing.board import board_course
+from hil.comparing.board import board_course, loops_course
 from hil.comparing.bound import bound_of
 from hil.comparing.course import Judge, MethodCourse, Reference, reference_of
 from hil.comparing.observers import (
@@ -86,9 +86,10 @@ def compare(
     if known is not None and truth is not None and subject.streams:
         known = known.on(subject.device.sample_rate, truth)
     remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
-    own = board_course(RunFolder(capture.parent)) if capture.name == "capture.arrow" else None
+    run = RunFolder(capture.parent) if capture.name == "capture.arrow" else None
+    recorded = [] if run is None else [course for of in (board_course, loops_course) if (course := of(run))]
     found, lines = methods_on(
-        subject, called(capture), truth=known, link=place, diagnosis=diagnosis, board=own, remarks=remarks,
+        subject, called(capture), truth=known, link=place, diagnosis=diagnosis, recorded=recorded, remarks=remarks,
         progress=progress,
     )  # fmt: skip
     folder = new_folder(out, bench)
@@ -108,12 +109,13 @@ def methods_on(
     truth: Truth | None,
     link: str | None,
     diagnosis: Diagnosis | None = None,
-    board: MethodCourse | None = None,
+    recorded: Sequence[MethodCourse] = (),
     remarks: Sequence[str] = (),
     progress: Watcher,
 ) -> tuple[Methods, list[Line]]:
     """Every method on a record that is in memory and called `name`: the rows, and the errors over time; as `compare`,
-    which see, with a link whose scenario is a path; board: what the board's own estimator said while it was recorded.
+    which see, with a link whose scenario is a path; recorded: what the run said while it
+    was recorded, the board or the loops of a classic mode.
     """
     bench, remarks = subject.bench, list(remarks)
     reference = reference_of(subject.captured, truth, subject.beside)
@@ -125,8 +127,8 @@ def methods_on(
         )
     pattern = None if truth is None else pattern_of(truth, subject.device.target)
     rows = _Rows(judge, progress, pattern)
-    if board is not None:
-        rows.add(board.name, lambda: (board, reference))
+    for course in recorded:
+        rows.add(course.name, partial(_recorded, course, reference))
     for title, method in _on_record(subject, diagnosis, remarks):
         rows.add(title, partial(_beside, method, reference))
     if link is None:
@@ -192,6 +194,10 @@ class _Rows:
 
 def _beside(method: Callable[[], MethodCourse], reference: Reference | None) -> tuple[MethodCourse, Reference | None]:
     return method(), reference
+
+
+def _recorded(course: MethodCourse, reference: Reference | None) -> tuple[MethodCourse, Reference | None]:
+    return course, reference
 
 
 def _on_record(

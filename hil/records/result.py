@@ -210,6 +210,7 @@ class Constant(json_file.Strict):
     )
     unit: str
     truth: float | None = None
+    declared: bool = Field(default=False, description="The bench file's value: nothing estimated it")
 
     @property
     def half(self) -> float | None:

@@ -114,6 +114,7 @@ def parameters(
             ci95=(factor * (value - spread), factor * (value + spread)) if spread > 0.0 else None,
             unit=unit if factor is not mass_kg else _PER_MASS[unit],
             truth=None if true is None else factor * true,
+            declared=spread == 0.0,
         )
     return table
 

@@ -38,11 +38,15 @@ def angle(material: Material) -> str:
     result, score = material.result, material.result.score
     if score is None:
         return ""
-    entries = [
-        ("reported angle minus true rotation", result.angle_error_rms_rad, score.angle_error_max_rad, "rad"),
+    of_pattern = [
         ("pattern angle less the virtual rotation", score.pattern_angle_error_rms_rad, None, "rad"),
         ("of it, estimation error", score.angle_estimation_error_rms_rad, None, "rad"),
         ("of it, control imperfection", score.control_imperfection_rms_rad, None, "rad"),
+    ]
+    held = material.folder.bench.get("controller", {}).get("mode") in ("force_to_rebalance", "mode_reversal")
+    entries = [
+        ("reported angle minus true rotation", result.angle_error_rms_rad, score.angle_error_max_rad, "rad"),
+        *([] if held else of_pattern),  # a pattern that is held on purpose does not turn with the board
         ("rate", result.rate_error_rms_rad_s, score.rate_error_max_rad_s, "rad/s"),
     ]
     rows = [
@@ -213,7 +217,8 @@ def device(material: Material) -> str:
 def _parameter_row(material: Material, symbol: str, entry: Constant) -> tuple[str, ...]:
     factor, prefix = prefix_for(entry.value) if entry.unit == "V" else (1.0, "")
     value, half = entry.value * factor, (entry.half or 0.0) * factor
-    told = plus_minus(value, half) + (" ± not given" if entry.half is None else "")
+    unsaid = " (declared)" if entry.declared else " ± not given" if entry.half is None else ""
+    told = plus_minus(value, half) + unsaid
     start = (shown(symbol), told, prefix + shown_unit(entry.unit))
     reference = entry.truth if entry.truth is not None else _declared(material, symbol, entry.unit)
     if reference is None:  # as of a coefficient that no truth or bench file has by this name
@@ -223,7 +228,7 @@ def _parameter_row(material: Material, symbol: str, entry: Constant) -> tuple[st
         *start,
         plus_minus(value, half, beside=reference * factor),
         relative(deviation / abs(reference)) if reference else "–",
-        _inside(abs(deviation), entry.half),
+        "declared" if entry.declared else _inside(abs(deviation), entry.half),
     )
 
 

@@ -15,6 +15,7 @@ import numpy as np
 from estimator.uncertainty import SinceZero
 from hil.bench import Bench
 from hil.bench.calibration import SYMBOLS
+from hil.bench.classic import PLUGIN as CLASSIC
 from hil.inputs.formula import formula_of
 from hil.numbers import quantity, significant
 from hil.records.coverage import COVERAGE
@@ -180,7 +181,7 @@ def _rows(
     rows = []
     for source, contribution in declared.items():
         value, unit, assumed = contribution, "rad", False
-        how = _COVARIANCE if bench.observer.plugin is None else _GIVEN
+        how = _HOW.get(bench.observer.plugin, _GIVEN)
         if source == DAMPING:
             assert sources.damping_sd_per_s is not None
             value, unit = sources.damping_sd_per_s, "1/s"
@@ -208,7 +209,10 @@ def _rows(
 
 
 _GIVEN = "1: as the plug-in gives it"
-_COVARIANCE = "1: covariance of the estimate, and of the constants used to subtract the turn by drive forces"
+_HOW: Mapping[str | None, str] = {
+    None: "1: covariance of the estimate, and of the constants used to subtract the turn by drive forces",
+    CLASSIC: "1: demodulated noise of the loops, and the bias that the declared damping can cause",
+}
 
 
 def _words(course: SinceZero) -> Mapping[str, str]:

@@ -77,6 +77,26 @@ def test_truth_has_a_column_where_it_is_known_only(tmp_path: Path, capfd: pytest
     assert line(lines, "dxx").split() == ["dxx", "1.00", "0.50", "1.50", "1.25", "1/s"]
 
 
+@pytest.mark.parametrize(("expanded", "words"), [(None, "good; the angle's uncertainty is unknown"), (1e-3, "good")])
+def test_good_without_an_uncertainty_of_the_angle_says_so(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], expanded: float | None, words: str
+) -> None:
+    angle = {"kind": "pattern", "why": "mine", "rad": 0.1}
+    code, lines, _ = shown(
+        tmp_path, capfd, verdict="good", parts=PARTS | {"machine": PARTS["safety"]}, angle=angle,
+        angle_u_rad=None if expanded is None else 0.5 * expanded, angle_expanded_rad=expanded,
+    )  # fmt: skip
+    assert code == 0
+    assert line(lines, "verdict") == f"verdict  {words}"
+
+
+def test_a_constant_that_nothing_estimated_is_declared(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    given = {"value": 0.69, "ci95": None, "unit": "1/s"}
+    _, lines, _ = shown(tmp_path, capfd, parameters={"dxx": {**given, "declared": True}, "dyy": given})
+    assert line(lines, "dxx").split() == ["dxx", "0.690000", "declared", "1/s"]
+    assert line(lines, "dyy").split() == ["dyy", "0.690000", "not", "given", "1/s"]
+
+
 def test_a_part_that_nobody_could_judge_is_left_out(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     parts = PARTS | {"machine": Part(outcome="unknown"), "model": Part(outcome="unknown", reason="too short")}
     _, lines, _ = shown(tmp_path, capfd, verdict="good", parts=parts)

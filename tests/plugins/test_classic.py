@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, override
+from hil.comparing.methods import compare
 from hil.errors import InputError
 from hil.plugins.errors import PluginError
+from hil.records.runfolder import RunFolder
+from hil.report.page import render
+from hil.scoring.score import score
 from hil.toml.text import toml_value
 from tests.plugins.direct import Driven, drive_directly
 from tests.plugins.running import bench, ran
@@ -191,6 +195,28 @@ def test_a_run_tells_the_phases_with_their_limits_and_figures(tmp_path: Path) ->
     told = {one.name: one for one in result.algorithm}
     assert list(told)[:4] == ["search", "ring_up", "lock", "null"]
     assert all(0.0 < (told[name].value or 0.0) < (told[name].limit or 0.0) for name in list(told)[:4])
+
+
+@pytest.mark.slow
+def test_a_run_by_the_loops_is_told_by_what_they_do(tmp_path: Path) -> None:
+    """Constants that nothing estimates are declared, and in no figure; the pattern is held on purpose, so its angle is
+    no error; a comparison has the loops as they ran."""
+    changes = {"controller": {"mode": "force_to_rebalance"}, "loop": {"duration_s": 4.0, "settle_s": 3.0}}
+    run = ran(tmp_path, override(bench(), changes, "test"))
+    scored = score(run.path, tmp_path / "truth.arrow")
+    constants = {"kxx", "kyy", "kxy", "dxx", "dyy", "dxy"}
+    assert {name for name, one in scored.parameters.items() if one.declared} == constants
+    page = render(RunFolder(run.path))
+    assert page.count("(declared)") == len(constants)
+    assert "control imperfection" not in page
+    assert "as the plug-in gives it" not in page
+    found = compare(
+        run.path / "capture.arrow", override(bench(), {"loop": changes["loop"]}, "test"), tmp_path / "compared",
+        truth=tmp_path / "truth.arrow", report=False, progress=lambda _: None,
+    )  # fmt: skip
+    row = found.methods.of("force to rebalance, as run")
+    assert row.angle_error_rms_rad == pytest.approx(scored.angle_error_rms_rad, rel=1e-9)
+    assert row.angle_expanded_rad == scored.angle_expanded_rad
 
 
 @pytest.mark.parametrize(

@@ -61,7 +61,7 @@ def test_what_an_observer_does_not_tell_is_told_as_missing(tmp_path: Path) -> No
     assert result is not None
     assert result.angle_expanded_rad is None
     assert result.parts["angle"].outcome == "unknown", result.parts["angle"].reason
-    assert "tells no uncertainty of its angle" in result.parts["angle"].reason
+    assert "gives no uncertainty of its angle" in result.parts["angle"].reason
     assert run.estimates is not None
     assert np.isnan(run.estimates.sd("rate_rad_s")).all()
     assert {one.ci95 for one in result.parameters.values()} == {None}
@@ -70,7 +70,9 @@ def test_what_an_observer_does_not_tell_is_told_as_missing(tmp_path: Path) -> No
     assert result.angle.plain_rad is result.angle.control_imperfection_rms_rad is None
     page = " ".join(render(run).split())
     assert "Its uncertainty is not given." in page
-    assert page.count("± not given") == len(result.parameters)
+    declared = [name for name, one in result.parameters.items() if one.declared]
+    assert page.count("± not given") == len(result.parameters) - len(declared)
+    assert page.count("(declared)") == len(declared)
     assert "already subtracted" not in page
     assert np.isfinite(run.estimates["energy_ratio"]).all()
     assert result.innovation_rms is not None

@@ -42,7 +42,9 @@ def parameters_figure(material: Material) -> Drawing | None:
     estimates = material.estimates
     if estimates is None:
         return None
-    names = [name for name in estimates.states if name not in _MOVING]
+    told = material.result.parameters
+    declared = {symbol for symbol, one in told.items() if one.declared}
+    names = [name for name in estimates.states if name not in _MOVING and symbol_of(name) not in declared]
     ordered = sorted(names, key=lambda name: rank(symbol_of(name)))
     if not ordered:
         return None

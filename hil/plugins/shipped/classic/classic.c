@@ -230,7 +230,8 @@ int gyro_plugin_figure(const void *instance, int number, gyro_plugin_named *figu
 {
     const classic *own = instance;
     const start *began = &own->start;
-    static const char *const reached[RUN] = {"resonance", "amplitude", "phase_error", "across"};
+    static const char *const reached[RUN] = {"resonance", "amplitude_over_set_point", "phase_error",
+                                              "motion_across_over_along"};
     static const char *const units[RUN] = {"Hz", "1", "rad", "1"};
     double complex gain = loop_gain(&own->loops.probe);
     if (number < RUN)
