@@ -19,6 +19,7 @@ from hil.bench.ratio import drive_words
 from hil.errors import InputError
 from hil.inputs.captured import control_of, drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
+from hil.inputs.swing import swing_slip
 from hil.inputs.trimmed import at_rest
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_place, write_sealed
@@ -75,7 +76,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
     workers()  # no number of them is told before minutes are spent
     require_place(out)
     captured, bench = fitting(capture, bench)
-    said = captured.told
+    said = (*captured.told, *filter(None, [swing_slip(captured, bench)]))
     captured, bench, trimmed = at_rest(captured, bench, trims_beside(capture))
     captured, held_out = parts_of(captured, fraction)
     if captured.carrier_Hz is not None:

@@ -3,9 +3,12 @@
 import shlex
 
 from hil.bench import Bench
+from hil.inputs.swing import swing_slip
 from hil.records.result import Part, Result
 from hil.records.runfolder import RunFolder
 from hil.records.sensing import sense_faults
+
+_QUIET = 0.1
 
 
 def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early: bool = False) -> Part:
@@ -33,6 +36,9 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early:
             )
     elif scored:
         reasons.append("the innovation is not finite: the observer diverged; check the signs and gains in [device]")
+    if folder.capture is not None and (reasons or _silent(result)) and (told := swing_slip(folder.capture, bench)):
+        # The rest follows from it.
+        return Part(outcome="lacks", reason=told, next=told.rpartition("; ")[2])
     if folder.capture is not None:
         reasons += sense_faults(folder.capture, bench.device.sense.noise_V)
     if not reasons and scan is not None:
@@ -41,6 +47,11 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early:
     if scan is not None and scan.complete is False:
         return part.model_copy(update={"next": trace_command(folder)})
     return part
+
+
+def _silent(result: Result) -> bool:
+    """Whether the innovation is far below its noise floor, as no sensor is quieter than its noise."""
+    return bool(result.innovation_rms and result.noise_floor and result.innovation_rms < _QUIET * result.noise_floor)
 
 
 def trace_command(folder: RunFolder) -> str:

@@ -4,6 +4,7 @@ import shlex
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from hil.records.capture import Capture
 from hil.records.innovation import Innovation
@@ -108,3 +109,38 @@ def test_without_a_scan_the_innovation_alone_judges(tmp_path: Path) -> None:
     beyond = result(True, ratio=9.0).model_copy(update={"scan": None})
     part = judge_model(RunFolder(tmp_path), beyond, gyro.bench())
     assert (part.outcome, part.next) == ("lacks", None)
+
+
+def swinging(place: Path, times: float, unit: float = 1.0, *, decay_per_s: float = 0.0) -> RunFolder:
+    """A mass that vibrates along a line at 30 degrees, with so many times the declared amplitude of S-slow."""
+    t, found = np.arange(20000) / 4000.0, RunFolder(place)
+    device = gyro.bench().device
+    swing_m = times * unit * device.amplitude_m * np.exp(-decay_per_s * t) * np.cos(2.0 * np.pi * 200.0 * t)
+    columns, units = {"tick": np.arange(len(t))}, {f"v{axis}_V": {"unit": "V", "scale": 1.0} for axis in "xy"}
+    for axis, gain, part in zip("xy", device.sense_gains_V_per_m, (np.sqrt(0.75), 0.5), strict=True):
+        columns[f"v{axis}_V"] = gain * part * swing_m + 0.01 * unit
+    vars(found)["capture"] = Capture(columns, {"tick_rate_Hz": 4000.0, "axes": 2, "columns": units}, True)
+    return found
+
+
+@pytest.mark.parametrize(("unit", "ratio", "of_floor"), [(1e3, "1000", 826.0), (1e-3, "0.00100", 1e-3)])
+def test_a_wrong_unit_of_the_voltages_comes_before_all_that_follows_from_it(
+    tmp_path: Path, unit: float, ratio: str, of_floor: float
+) -> None:
+    part = judge_model(swinging(tmp_path, 1.0, unit), result(None, ratio=of_floor), gyro.bench())
+    assert part.outcome == "lacks"
+    assert part.reason.startswith(f"the sense voltages are {ratio} × what the bench file can give")
+    assert "1000: a thousandth of the unit, as mV for V" in part.reason
+    assert part.next == "check the unit of vx_V and vy_V in the map"
+
+
+@pytest.mark.parametrize(
+    ("times", "decay_per_s", "of_floor"),
+    [(1.0, 0.0, 1.6), (0.5, 0.0, 1.6), (1.0, 3.0, 1.6), (1e-3, 0.0, 1.0), (3e-3, 0.0, 1.6), (20.0, 0.0, 1.6)],
+)
+def test_a_free_decay_a_small_motion_and_another_set_point_are_no_wrong_unit(
+    tmp_path: Path, times: float, decay_per_s: float, of_floor: float
+) -> None:
+    part = judge_model(swinging(tmp_path, times, decay_per_s=decay_per_s), result(True, ratio=of_floor), gyro.bench())
+    assert "sense voltages" not in part.reason
+    assert part.next is None
