@@ -82,7 +82,8 @@ def score(run: Path, truth_file: Path) -> Result:
         figures = figures.model_copy(update={"angle_error_end_rad": None})
     mass_kg = reporting_mass_kg(folder)
     effects = folder.bench.get("effects", {}).keys()
-    kept = (remark for remark in before.remarks if remark not in remarks and _CUT not in remark)  # of another truth
+    stale = (_CUT, "the record was interrupted")  # of another truth, of records that are whole again
+    kept = (one for one in before.remarks if one not in remarks and not any(words in one for words in stale))
     result = before.model_copy(
         update={
             "angle_error_rms_rad": found.angle.rms,

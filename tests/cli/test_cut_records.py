@@ -33,6 +33,7 @@ def test_every_verb_says_that_a_record_was_cut(hil: Hil, recorded: Path) -> None
     assert "interrupted" not in out + err
     _, out, _ = hil("ls")
     assert "interrupted" not in out
+    whole = (recorded / "capture.arrow").read_bytes()
     rows = halved(recorded)
     for kind in ("csv", "parquet", "mat", "mcap"):
         code, out, err = hil("export", str(recorded), "--to", kind, "-o", f"a.{kind}")
@@ -45,6 +46,11 @@ def test_every_verb_says_that_a_record_was_cut(hil: Hil, recorded: Path) -> None
     assert json.loads(out)["runs"][0]["cut"] == words(rows)
     _, out, err = hil("score", str(recorded), "--truth", "truth.arrow", "--json")
     assert f"capture.arrow: {words(rows)}" in json.loads(out)["remarks"]
+    cut = (recorded / "capture.arrow").read_bytes()
+    (recorded / "capture.arrow").write_bytes(whole)
+    _, out, err = hil("score", str(recorded), "--truth", "truth.arrow", "--json")
+    assert "interrupted" not in " ".join(json.loads(out)["remarks"])
+    (recorded / "capture.arrow").write_bytes(cut)
     _, out, err = hil("replay", str(recorded / "capture.arrow"), "--bench", "short.bench.toml", "--json")
     assert json.loads(out)["reasons"][0] == words(rows)
 

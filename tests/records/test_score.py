@@ -353,8 +353,12 @@ def test_of_an_interrupted_run_the_truth_may_end_early_and_is_told(make_run):
     folder, truth = make_run(interrupted=True, result=False)
     result = score(folder, cut(truth, 2 / 3))
     assert 250 < result.score.rows < 400
-    (remark,) = result.remarks
-    assert remark.endswith("and the run at 1.998 s; scored is what it covers")
+    told, *records = result.remarks
+    assert told.endswith("and the run at 1.998 s; scored is what it covers")
+    assert [record.partition(", without an end marker")[0].rpartition(" ")[0] for record in records] == [
+        "capture.arrow: the record was interrupted: it ends after row",
+        "estimates.arrow: the record was interrupted: it ends after row",
+    ]
 
 
 def test_a_truth_without_a_row_is_none(make_run, tmp_path):
