@@ -38,7 +38,19 @@ def test_a_fit_is_where_an_optimiser_finds_the_penalised_likelihood_largest() ->
     assert off @ found.posterior_information @ off < 0.04
     declared = ((found.model.theta - layout.mean) / layout.deviation)[:2]  # the last is an effect's plausible size
     likelihood = 2.0 * found.evaluation.log_likelihood - declared @ declared
-    assert found.criterion == pytest.approx(likelihood - 3.0 * np.log(600.0))
+    data = used.T @ used / np.mean((of.y - used @ found.model.theta) ** 2)
+    told = float(np.trace(np.linalg.solve(data + np.diag(layout.deviation**-2.0), data)))  # 1 − posterior over prior
+    assert 2.0 < told < 3.0
+    assert found.criterion == pytest.approx(likelihood - told * np.log(600.0))
+
+
+def test_a_parameter_that_the_record_says_nothing_of_costs_nothing() -> None:
+    """As the start of a low-pass that has settled before the first sample."""
+    of = made({"one": np.column_stack([COLUMNS["one"], np.zeros_like(COLUMNS["one"])])}, {"one": [0.4, 0.0]}, n=600)
+    alone = made({"one": COLUMNS["one"]}, {"one": [0.4]}, n=600)
+    found = fitted(of, "one")
+    assert found.told[-1] == pytest.approx(0.0, abs=1e-12)
+    assert found.criterion == pytest.approx(fitted(alone, "one").criterion)
 
 
 def test_a_coefficient_goes_no_lower_than_its_least() -> None:
