@@ -106,8 +106,8 @@ def init(
         "device.drive": {} if full_scale is None else {"full_scale": full_scale, **IN_MPS2},
     }  # fmt: skip
     known = put_in(known, {name: {k: v for k, v in one.items() if v is not None} for name, one in given.items()})
-    nameless = [section for section in ("device", "loop") if "name" not in known.get(section, {})]
-    known = put_in(known, {section: {"name": named_by(out)} for section in nameless})
+    unnamed = [section for section in ("device", "loop") if "name" not in known.get(section, {})]
+    known = put_in(known, {section: {"name": named_by(out)} for section in unnamed})
     open_keys, text = missing(known), template(known, heading)
     bench = None if open_keys else parse_table(table_of(text.encode(), str(out)), Bench, str(out))
     write_text(out, text)

@@ -4,6 +4,7 @@ import re
 from bisect import bisect_left
 
 import numpy as np
+import numpy.typing as npt
 
 from hil.sensors.checksums import CHECKS, fitting, parts_of
 from hil.sensors.declared import Protocol
@@ -20,9 +21,9 @@ class Sieve:
         self.begin = re.compile(b"|".join(re.escape(one) for one in begins_of(protocol)), re.DOTALL)
         self._protocol = protocol
         self._sizes = {begin: layout.size - len(protocol.tail) for begin, layout in by_start(protocol).items()}
-        self._parts = {}  # type: ignore[var-annotated]  # by the length that the checksum covers
+        self._parts: dict[int, tuple[int, npt.NDArray[np.uint32]]] = {}  # by the length that the checksum covers
 
-    def hopeful(self, buffer: bytes) -> list[int]:
+    def possible(self, buffer: bytes) -> list[int]:
         """Places, rising, of all frames whose checksum fits, and of what is not whole yet or tells its length later."""
         if not self._sizes:
             return [found.start() for found in self.begin.finditer(buffer)]
@@ -38,7 +39,8 @@ class Sieve:
             if covered not in self._parts:
                 self._parts[covered] = parts_of(check, covered)
             kept += [fitting(check, self._parts[covered], octets, starts[:whole] + before) - before, starts[whole:]]
-        return np.sort(np.concatenate(kept)).tolist()  # type: ignore[no-any-return]
+        places: list[int] = np.sort(np.concatenate(kept)).tolist()
+        return places
 
 
 class Places:
@@ -46,15 +48,15 @@ class Places:
 
     def __init__(self, sieve: Sieve, buffer: bytes) -> None:
         self._sieve, self._buffer = sieve, buffer
-        self._hopeful: list[int] | None = None
+        self._possible: list[int] | None = None
 
     def after(self, at: int, *, sought: bool) -> int | None:
         """The next from `at` on where a frame may begin; of what is `sought` in many bytes those are left out whose
         checksum does not fit."""
-        if sought and self._hopeful is None and len(self._buffer) - at >= MANY:
-            self._hopeful = self._sieve.hopeful(self._buffer)
-        if not sought or self._hopeful is None:
+        if sought and self._possible is None and len(self._buffer) - at >= MANY:
+            self._possible = self._sieve.possible(self._buffer)
+        if not sought or self._possible is None:
             found = self._sieve.begin.search(self._buffer, at)
             return None if found is None else found.start()
-        place = bisect_left(self._hopeful, at)
-        return self._hopeful[place] if place < len(self._hopeful) else None
+        place = bisect_left(self._possible, at)
+        return self._possible[place] if place < len(self._possible) else None
