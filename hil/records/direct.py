@@ -20,7 +20,7 @@ from hil.errors import InputError
 from hil.records.blocks import Opening, open_record, read_opening
 from hil.records.layout import HEADER_KEY
 from hil.records.seal import PREFIX, BrokenBlockError, checked_head, head_length, lengths_of, stated_head
-from hil.records.table import cut_after
+from hil.records.table import cut_record
 
 _HEAD_BYTES = 1 << 16  # longer than any head
 _FEW = 8  # blocks, among which one looks without a hint
@@ -40,7 +40,7 @@ class OnDisk(NamedTuple):
         if not self.rows:
             return "no whole block was recorded"
         if not self.complete:
-            return f"the record was {cut_after(self.rows)}"
+            return cut_record(self.rows)
         there = self.rows + self.lost
         return "the record is whole" if meant is None or there >= meant else f"whole up to tick {there} of {meant}"
 
@@ -60,7 +60,7 @@ def on_disk(capture: Path) -> OnDisk:
 def cut_of(capture: Path) -> str:
     """That a capture was interrupted, as `Table.cut` says it; "" of a whole one and where none can be read."""
     with suppress(InputError), DirectRecord(capture, "capture") as record:
-        return "" if record.complete else f"the record was {cut_after(record.rows)}"
+        return "" if record.complete else cut_record(record.rows)
     return ""
 
 

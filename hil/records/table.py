@@ -24,6 +24,11 @@ def cut_after(rows: int) -> str:
     return f"interrupted: it ends after row {rows}, without an end marker"
 
 
+def cut_record(rows: int) -> str:
+    """The same as a sentence of its own."""
+    return f"the record was {cut_after(rows)}"
+
+
 @dataclass(frozen=True)
 class Table:
     """A record, read. `complete` is False when it was interrupted (its end marker is missing).
@@ -41,7 +46,7 @@ class Table:
     @property
     def cut(self) -> str:
         """That the record, which this is as it was read, was interrupted; "" of a whole one."""
-        return "" if self.complete else f"the record was {cut_after(len(self))}"
+        return "" if self.complete else cut_record(len(self))
 
     @property
     def axes(self) -> int:
