@@ -46,8 +46,8 @@ _SIGNS = [
         "test_other_signs_have_to_predict_well_and_the_declared_ones_far_worse",
         "test_an_observer_that_is_lost_at_a_single_row_predicts_nothing",
         "test_only_signs_of_axes_that_were_driven_are_tried",
-        "test_of_a_record_without_a_single_sample_after_the_first_drive_nobody_can_tell",
-        "test_forty_cycles_after_acquisition_are_looked_at_but_no_more_than_twenty_thousand_samples",
+        "test_a_record_without_a_sample_after_the_first_drive_tells_nothing",
+        "test_it_reads_forty_cycles_and_at_most_twenty_thousand_samples",
         "test_two_samples_are_looked_at_and_one_is_not",
     )
 ]

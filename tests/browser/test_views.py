@@ -126,7 +126,7 @@ def test_the_trend_of_a_figure_is_drawn_over_the_runs_of_a_device(runs: BenchPag
     expect(page.locator("#device canvas")).to_be_visible()
 
 
-def test_a_figure_that_was_asked_for_before_does_not_replace_the_one_that_was_chosen_since(runs: BenchPage) -> None:
+def test_an_older_figure_does_not_replace_the_one_that_was_chosen_since(runs: BenchPage) -> None:
     page, late = runs.page, []
     page.get_by_role("link", name="Devices").click()
     page.route(re.compile(r"/trend\?"), lambda asked: late.append(asked))

@@ -23,7 +23,7 @@ def cluster(tmp_path: Path) -> Iterator[Cluster]:
 
 @pytest.mark.long
 @pytest.mark.parametrize("seen", [True, False], ids=["gone for a while", "back before the host looks"])
-def test_a_worker_and_then_the_scheduler_killed_lose_nothing_and_double_nothing(
+def test_killed_worker_and_scheduler_lose_and_double_nothing(
     cluster: Cluster, whole: dict[str, bytes], tmp_path: Path, seen: bool
 ) -> None:
     first, _ = cluster.start_worker(), cluster.start_worker()

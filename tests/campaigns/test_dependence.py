@@ -128,7 +128,7 @@ def test_runs_of_one_point_tell_what_seeds_alone_do() -> None:
     assert found.between_seeds == pytest.approx(0.5, abs=0.08)
 
 
-def test_missing_figures_are_left_out_and_counted_and_what_does_not_vary_has_no_shares() -> None:
+def test_missing_figures_are_counted_and_constant_ones_have_no_shares() -> None:
     made = drawn(64)
     y = uniform(made)[:, 0] - 9.0
     y[:5] = np.nan

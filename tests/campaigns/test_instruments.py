@@ -93,7 +93,7 @@ def campaign(backend: str, **changes: Any) -> dict[str, Any]:
     } | changes
 
 
-def test_each_run_has_its_step_and_its_actual_values_and_the_table_rests_at_the_end(
+def test_each_run_has_its_step_and_the_table_rests_at_the_end(
     tmp_path: Path, backend: str, commands: list[str], no_report: None
 ) -> None:
     found = hil.sweep(campaign(backend), out=tmp_path / "out")

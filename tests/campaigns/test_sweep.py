@@ -117,7 +117,7 @@ def test_what_the_board_refuses_is_a_row_and_the_exit_code_says_so(
 
 
 @pytest.mark.moderate
-def test_a_key_that_the_board_does_not_know_is_told_before_anything_is_made(tmp_path: Path) -> None:
+def test_a_key_unknown_to_the_board_is_told_first(tmp_path: Path) -> None:
     table = small(vary=[{"key": "scenario.sense.nosie_V", "values": [1e-4, 1e-3]}])
     with pytest.raises(hil.InputError, match="nosie_V: unknown key; did you mean"):
         hil.sweep(table, out=tmp_path / "a", workers=1)

@@ -90,7 +90,7 @@ BESIDE = {"device.sense.interface": {"kind": "gap_closing", "gap_m": 1e-3}}
 """What a key of a table has a meaning with."""
 
 
-def test_every_angle_rate_and_share_of_a_bench_file_may_be_in_the_fields_unit(tmp_path: Path) -> None:
+def test_a_bench_file_takes_the_field_s_units(tmp_path: Path) -> None:
     """Each key of each table that has another unit, given in it, is the same bench."""
     found = [
         (path, key, other) for path, model in sections(Bench) for key, _ in keys(model) for other in other_keys(key)

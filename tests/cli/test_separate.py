@@ -223,7 +223,7 @@ def test_what_tells_a_pair_apart_is_said(capsys: pytest.CaptureFixture[str]) -> 
     assert "ambiguity group of this record: sense_gain, drive_gain" in out
 
 
-def test_where_no_run_of_the_bench_is_long_enough_it_is_said_which_would_be(
+def test_it_says_how_long_a_run_would_be_enough(
     bench: Bench, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr("hil.tracing.separate.run", lambda *given, **named: pytest.fail("nothing is to be armed"))

@@ -34,7 +34,7 @@ def test_nothing_is_said_before_there_is_ground() -> None:
     assert left.told("effects", 3, 5) is not None
 
 
-def test_a_stage_that_goes_on_at_its_pace_is_counted_down_and_what_follows_is_on_top() -> None:
+def test_a_stage_counts_down_at_its_pace_and_adds_what_follows() -> None:
     """Thirty rounds at a second each, after ten seconds."""
     clock = Clock()
     left = TimeLeft(clock)
@@ -70,7 +70,7 @@ def test_as_many_rounds_of_free_runs_are_counted_on_as_there_may_be() -> None:
     assert half == pytest.approx(20.0)
 
 
-def test_an_estimate_counts_down_between_reports_and_moves_up_for_a_reason_only() -> None:
+def test_an_estimate_counts_down_and_rises_only_for_a_reason() -> None:
     clock = Clock()
     left = TimeLeft(clock=clock)
     clock.now += 10.0

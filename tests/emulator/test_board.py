@@ -135,7 +135,7 @@ def with_latency(latency: int) -> Scenario:
     return scenario({"truth": {"position_m": [0.0, 0.0]}, "drive": {"latency_samples": latency}})
 
 
-def test_an_impulse_acts_over_one_interval_and_shows_in_the_row_that_ends_it(latency: int) -> None:
+def test_an_impulse_acts_over_one_interval_and_shows_at_its_end(latency: int) -> None:
     """Computed from row 4, effective at tick 4 + L, it acts until 5 + L: seen moving from row 5 + L on."""
     host = Host(with_latency(latency)).armed()
     rows = []

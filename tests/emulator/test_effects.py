@@ -315,7 +315,7 @@ def test_what_the_drive_makes_of_a_command(effect: dict[str, Any], bent: Callabl
 
 
 @pytest.mark.parametrize(("px", "py"), [(1, 0), (0, 1), (1, 1)])
-def test_a_reversed_sense_shows_the_motion_with_the_other_sign_and_its_offset_as_it_was(px: int, py: int) -> None:
+def test_a_reversed_sense_turns_the_motion_s_sign_and_not_its_offset_s(px: int, py: int) -> None:
     where = {"truth": LOSSY, "sense": {"mismatch_m": [1e-5, -2e-5], "adc_bits": 24}}
     delay = {"name": "sense_delay", "tsx": 0.4 * TS, "tsy": 1.7 * TS}
     for others in ([], [delay]):
@@ -493,7 +493,7 @@ def test_a_step_of_the_rate_turns_the_velocity_by_what_the_mass_feels() -> None:
 
 
 @pytest.mark.moderate
-def test_support_that_holds_is_a_damped_spring_and_one_that_slips_takes_more() -> None:
+def test_a_support_that_slips_takes_more_than_a_damped_spring() -> None:
     """Far below break-away bristles are springs with dampers, and all is linear: the decay is an eigenvalue's."""
     ratio, w, stiff = 0.01, 2 * np.pi * 20.0, (2 * np.pi * 400.0) ** 2
 

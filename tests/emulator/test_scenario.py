@@ -156,7 +156,7 @@ def test_a_rate_file_lies_beside_its_scenario(tmp_path: Path) -> None:
     assert Path(rate.path) == tmp_path / "turn.csv"
 
 
-def test_the_undeclared_example_is_s_slow_but_for_its_effect_and_its_number() -> None:
+def test_the_undeclared_example_differs_by_its_effect_alone() -> None:
     slow = tomllib.loads(SLOW)
     undeclared = tomllib.loads((EXAMPLES / "s-undeclared.scenario.toml").read_text())
     assert undeclared.pop("effect")[0]["name"] == "cubic_stiffness"

@@ -30,7 +30,7 @@ def loop(settings: ObserverSettings = _KNOWN, **device: object) -> Loop:
     return Loop(replace(_DEVICE, **device), settings, _LAW)  # type: ignore[arg-type]
 
 
-def test_noise_and_bandwidths_are_those_of_a_kalman_filter_of_angle_and_rate() -> None:
+def test_noise_and_bandwidths_are_a_kalman_filter_s() -> None:
     """An angle seen with density R, whose rate walks by q: ωn = (q²/R)^¼, poles of Butterworth, zero at −ωn/√2."""
     density = 2.0 * _NOISE**2 / _RATE
     natural = (_WALK**2 / density) ** 0.25

@@ -239,7 +239,7 @@ def test_stamps_of_a_millisecond_at_400_Hz(bring):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("given", [{"sampling_rate_Hz": "400"}, {"nonuniform": True}])
-def test_intervals_of_stamps_of_a_millisecond_hold_what_least_squares_finds(bring, tmp_path, given):
+def test_intervals_of_millisecond_stamps_hold_least_squares(bring, tmp_path, given):
     """The decay in closed form, fitted with SciPy at 400 Hz, which the record was made with."""
     capture = bring(INSTRUMENTS / "9_millis_400Hz.csv", INSTRUMENTS / "9.map.toml", **given).capture
     levels = sensed(capture)

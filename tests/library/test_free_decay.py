@@ -70,7 +70,7 @@ def coulomb(amplitude: float, samples: int) -> Array:
 
 @pytest.mark.long
 @pytest.mark.timeout(600)
-def test_a_mass_that_sticks_is_traced_up_to_there_and_the_friction_is_found(tmp_path: Path) -> None:
+def test_the_friction_of_a_mass_that_sticks_is_found(tmp_path: Path) -> None:
     """Nine tenths of the record are at rest; friction, drag and an asymmetric one all predict them."""
     bench = tmp_path / "slider.bench.toml"
     bench.write_text(BENCH, encoding="utf-8")

@@ -190,7 +190,7 @@ def test_a_backend_is_refused_by_all_but_replay(verb: Verb, backend: str) -> Non
 
 
 @pytest.mark.parametrize("verb", ["run", "replay"])
-def test_eleven_states_with_a_stationary_gain_are_refused_where_there_are_offsets(verb: Verb) -> None:
+def test_a_stationary_gain_without_offset_states_refuses_offsets(verb: Verb) -> None:
     own = declared("force").with_(observer={"variant": "gyro", "gain": "stationary"})
     assert own.offset_sd_V > 0.0
     with pytest.raises(InputError, match='use variant = "full", which estimates them'):

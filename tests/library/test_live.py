@@ -205,7 +205,7 @@ def _free(url: str) -> bool:
 
 @pytest.mark.long
 @pytest.mark.realtime
-def test_blocks_come_while_the_loop_runs_and_a_slow_reader_holds_nothing_up(board: str, tmp_path: Path) -> None:
+def test_a_slow_reader_of_blocks_holds_nothing_up(board: str, tmp_path: Path) -> None:
     live = opened(board, tmp_path / "runs", duration_s=8.0)
     blocks = []
     for block in live.stream():

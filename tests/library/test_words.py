@@ -137,7 +137,7 @@ def test_the_command_line_prints_the_options(line: str, told: str) -> None:
     assert told_to_user(raised.value) == line  # its verbs call the same functions
 
 
-def test_arrays_with_a_mark_for_no_measurement_are_told_the_argument_that_masks_it(tmp_path: Path) -> None:
+def test_arrays_with_a_missing_mark_are_told_the_masking_argument(tmp_path: Path) -> None:
     time = np.arange(400) / 4000.0
     values = np.where(np.arange(400) == 7, 9.9e37, np.sin(400.0 * time))
     arrays = {"t_s": time, "vx_V": values, "vy_V": np.cos(400.0 * time)}

@@ -94,7 +94,7 @@ def test_bad_requests_are_refused(motions):
         fit_forces(motions[0], ("drive_gain",), SCALING)
 
 
-def test_a_number_costs_the_logarithm_of_the_samples_and_a_choice_twice_that_of_the_candidates():
+def test_a_number_costs_log_samples_and_a_choice_twice_log_candidates():
     assert price(3, 1000.0, 7) == pytest.approx(3.0 * np.log(1000.0) + 2.0 * np.log(7.0))
 
 

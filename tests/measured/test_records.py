@@ -30,7 +30,7 @@ def quiet(_line):
 
 
 @pytest.mark.slow
-def test_silverbox_without_effects_has_the_published_error_of_a_linear_model(tmp_path):
+def test_silverbox_alone_has_the_published_error_of_a_linear_model(tmp_path):
     """Free run, fitted to the training part: 6.95, 14.3 and 6.58 mV."""
     capture = imported(folder("silverbox") / "SNLS80mV.csv.gz", tmp_path, "silverbox")
     record = record_of(capture)

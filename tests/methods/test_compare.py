@@ -97,7 +97,7 @@ def test_every_method_has_the_figures_of_a_data_sheet(run: tuple[hil.Run, Path],
 
 
 @pytest.mark.long
-def test_the_offsets_are_what_eleven_states_and_the_raw_formula_suffer_from(found: hil.Methods) -> None:
+def test_offsets_are_what_harms_eleven_states_and_the_raw_formula(found: hil.Methods) -> None:
     ours = found.of("13 states, fading").angle_error_rms_rad
     assert ours is not None
     theirs = found.of("(b) formula (11) on raw signals").angle_error_rms_rad
@@ -157,9 +157,7 @@ def test_the_truth_of_another_run_is_refused(whole_run: Path, tmp_path: Path) ->
         hil.compare(hil.load(whole_run), truth=other, out=tmp_path / "out")
 
 
-def test_a_truth_that_ends_before_the_record_is_refused_since_nobody_knows_the_angle_after_it(
-    run: tuple[hil.Run, Path], tmp_path: Path
-) -> None:
+def test_a_truth_that_ends_before_the_record_is_refused(run: tuple[hil.Run, Path], tmp_path: Path) -> None:
     made, truth = run
     cut, kept = tmp_path / "cut.arrow", tmp_path / "kept.arrow"
     cut.write_bytes(truth.read_bytes()[: 2 * truth.stat().st_size // 3])

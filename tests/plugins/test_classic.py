@@ -49,9 +49,7 @@ def declared(mode: str, device: Mapping[str, Any] = SPLIT, loops: Mapping[str, A
 
 
 @pytest.mark.parametrize("device", [ROUND, SPLIT], ids=["round", "split"])
-def test_the_balancing_force_is_the_rate_and_the_damping_that_couples_the_axes(
-    tmp_path: Path, device: Mapping[str, Any]
-) -> None:
+def test_the_balancing_force_is_the_rate_and_the_coupling_damping(tmp_path: Path, device: Mapping[str, Any]) -> None:
     """ẏ averaged: A (Ω + dxy/2) = force/2ω (Lynch 1995, the sense axis held at zero)."""
     found = driven(tmp_path, "force_to_rebalance", 8.0, device)
     bias = 0.5 * device["damping_N_s_per_m"][2] / MASS_KG
@@ -94,7 +92,7 @@ def test_over_60_K_the_bias_is_ten_times_smaller_with_the_axes_exchanged(tmp_pat
     assert bias["force_to_rebalance"] > 10.0 * bias["mode_reversal"], bias
 
 
-def test_the_whole_angle_turns_as_the_board_and_its_rate_swings_with_the_damping(tmp_path: Path) -> None:
+def test_the_whole_angle_turns_with_the_board(tmp_path: Path) -> None:
     """θ̇ = -Ω + (Δd/4) sin 2θ - (dxy/2) cos 2θ (Lynch 1995): over whole turns √(Ω² - a²), a half of the anisodamping."""
     rate, device = 1.0, ROUND | {"damping_N_s_per_m": SPLIT["damping_N_s_per_m"]}
     found = driven(tmp_path, "classic_whole_angle", 6.0 + 2.1 * math.pi, device, rate_rad_s=rate)

@@ -68,7 +68,7 @@ def test_a_flag_that_belongs_to_no_answer_counts_nothing() -> None:
     assert parts(counted(gone, gone, [107])) == (9, 0, 0, 0, 1, 0)
 
 
-def test_where_the_telling_row_is_missing_an_answer_was_in_time_unless_the_board_says_otherwise() -> None:
+def test_an_answer_without_its_row_was_in_time_unless_the_board_denies_it() -> None:
     gone = [t for t in TEN if t != 107]
     assert parts(counted(gone, gone)) == (9, 0, 0, 0, 1, 0)
     assert parts(counted(gone, gone, board_late=1)) == (8, 1, 0, 0, 1, 0)

@@ -25,7 +25,7 @@ def test_a_record_that_says_nothing_leaves_what_was_declared() -> None:
     assert left["clock"] == pytest.approx(0.02 * 2.0 * (3.0 + 5.0))
 
 
-def test_a_record_that_knows_the_sum_leaves_nothing_of_gain_and_clock_together() -> None:
+def test_a_known_sum_excludes_gain_and_clock_together() -> None:
     """The clock does to both gains what it does; the record has their sum, and so the angle."""
     precise = 1e12 * np.ones((2, 2))
     left = _left(information(precise, [4.0, 4.0]), U)

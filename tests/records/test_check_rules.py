@@ -158,7 +158,7 @@ def test_texts_that_are_none_are_told(tmp_path: Path) -> None:
     assert str(tmp_path) not in found["result.json"][0]
 
 
-def test_a_file_that_is_no_record_is_a_finding_in_a_folder_and_refused_alone(tmp_path: Path) -> None:
+def test_a_file_that_is_no_record_is_refused_alone(tmp_path: Path) -> None:
     write(tmp_path, "capture", range(100))
     (tmp_path / "estimates.arrow").write_text("no Arrow stream at all, by any means")
     assert list(problems(tmp_path)) == ["estimates.arrow"]
@@ -193,7 +193,7 @@ def test_an_interrupted_record_may_be_repaired_and_a_whole_one_not(tmp_path: Pat
 
 
 @pytest.mark.moderate
-def test_a_folder_is_repaired_where_one_file_is_broken_and_the_others_come_along(tmp_path: Path) -> None:
+def test_repair_of_one_broken_file_keeps_the_others(tmp_path: Path) -> None:
     run = tmp_path / "run"
     damage(write(run, "capture", range(10_000)), 0.7)
     whole = write(run, "innovation", range(4000))

@@ -95,7 +95,7 @@ def test_the_band_is_that_of_scipy(degrees):
 
 
 @pytest.mark.moderate
-def test_an_honest_covariance_is_within_the_band_and_a_boastful_one_above_it(tmp_path):
+def test_an_honest_covariance_is_in_the_band_and_a_small_one_above(tmp_path):
     """2000 independent errors of three entries, one of them without a truth: two are left."""
     rng = np.random.default_rng(3)
     n, names = 2000, ("x_m", "rate_rad_s", "k3x")

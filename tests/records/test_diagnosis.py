@@ -300,7 +300,7 @@ def test_the_truth_of_an_effect_stands_beside_what_was_found() -> None:
     assert "truth" not in coefficients(said)
 
 
-def test_how_probable_an_account_is_names_the_effect_only_where_another_is_meant() -> None:
+def test_a_probability_names_its_effect_only_where_another_is_meant() -> None:
     assert probable(Probabilities(effect="drag", classes={"drag": 0.9, "sense_gain": 0.1})) == (
         "how probable for drag: drag 90\u00a0%, sense gain 10\u00a0%"
     )

@@ -59,7 +59,7 @@ def test_what_was_carried_has_the_length_it_gained_there() -> None:
     assert "−12" in inline_svg(found.figure, "k", found.title, found.alt)
 
 
-def test_what_was_only_promised_is_hatched_and_told_apart_in_legend_caption_and_alt() -> None:
+def test_what_was_only_expected_is_hatched_and_named_in_legend_and_alt() -> None:
     found = drawn(CARRIED, PROMISED)
     assert found is not None
     length, filling, hatch = bars(found)["sense gain"]

@@ -18,7 +18,7 @@ def drawn(**coefficients: Interval):
 
 
 @pytest.mark.moderate
-def test_a_coefficient_that_the_record_tells_nothing_of_leaves_the_others_their_room() -> None:
+def test_an_untold_coefficient_leaves_the_others_as_they_are() -> None:
     found = drawn(
         tlx=Interval(2e-5, 1.5e-5, 2.5e-5, "s"),
         olx=Interval(-1.1e-124, -1e-8, 1e-8, "m"),

@@ -20,7 +20,7 @@ def test_the_angle_with_its_uncertainty_stands_first_among_the_figures() -> None
     ]  # fmt: skip
 
 
-def test_a_column_of_sentences_is_told_from_one_of_words_and_one_of_numbers() -> None:
+def test_columns_of_sentences_words_and_numbers_are_told_apart() -> None:
     rows = [("lost", "0", "V"), ("held", "12", "samples before which the board held its last drive")]
     found = markup.table("", ("counter", "count", "meaning"), rows, (1,))
     assert re.findall(r"<th scope=\"col\"([^>]*)>", found) == ["", ' class="n"', ' class="long"']

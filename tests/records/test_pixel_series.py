@@ -88,7 +88,7 @@ def test_figures_are_of_the_scored_window_or_of_all_where_it_never_begins(since_
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e300])
-def test_what_is_not_finite_is_left_out_of_the_drawing_and_not_of_the_figures(bad):
+def test_what_is_not_finite_is_not_drawn_but_counts_in_figures(bad):
     values = noise()
     values[2000:, 1] = bad
     for found in (of(values), of(values[1600:2400])):

@@ -316,7 +316,7 @@ def test_words_from_outside_cannot_become_markup(undrawn, make_run):
 
 
 @pytest.mark.moderate
-def test_the_pattern_of_a_mass_that_rests_is_a_point_and_drawn_without_a_warning(make_run):
+def test_the_pattern_of_a_resting_mass_is_a_point(make_run):
     folder, _ = make_run()
     material = Material(RunFolder.open(folder))
     resting = dict.fromkeys(("x_m", "vx_mps", "y_m", "vy_mps"), np.zeros(800))

@@ -50,7 +50,7 @@ def test_a_good_run(make_run):
 
 
 @pytest.mark.moderate
-def test_what_is_hidden_in_the_board_is_the_truth_of_the_effect_of_that_name(make_run):
+def test_what_the_board_hides_is_the_effect_of_that_name(make_run):
     _, truth_file = make_run()
     truth = read_truth(truth_file)
     hidden = [
@@ -89,7 +89,7 @@ def test_unnormalised_parameters_carry_the_mass(make_run):
 
 
 @pytest.mark.moderate
-def test_a_pattern_that_drifts_is_control_imperfection_not_estimation_error(make_run):
+def test_a_drifting_pattern_is_the_control_s_and_not_the_estimate_s(make_run):
     drift = 0.02
     folder, truth = make_run(angle_drift=drift)
     result = score(folder, truth)
@@ -149,7 +149,7 @@ def test_the_pattern_formula_finds_a_slender_ellipse(angle):
 
 
 @pytest.mark.parametrize("spin", [0.9, -0.4])
-def test_the_pattern_formula_follows_an_ellipse_that_a_virtual_rotation_turns(spin):
+def test_the_angle_formula_follows_a_virtually_rotated_ellipse(spin):
     """z̈ + 2iWż + kz = 0 is ẅ + (k + W²) w = 0 in a frame that turns with −W: there the ellipse rests."""
     k, angle, t = 9.0, 0.7, np.linspace(0.0, 5.0, 60)
     nu = np.sqrt(k + spin**2)
@@ -339,7 +339,7 @@ def test_a_truth_that_was_ended_early_is_refused_too(make_run, tmp_path):
 
 
 @pytest.mark.moderate
-def test_a_truth_without_its_end_covers_the_run_and_is_told_until_a_whole_one_is_given(make_run):
+def test_a_truth_without_its_end_is_told_until_a_whole_one_comes(make_run):
     folder, truth = make_run(every=2300)  # a plain stream loses its last block so; the last estimate is before it
     told = score(folder, cut(truth, -20))
     assert told.score.rows == 3

@@ -141,9 +141,7 @@ def test_drives_that_came_late_for_half_as_long_or_not_running_do_not(ends: tupl
 
 
 @pytest.mark.parametrize("latency", [1, 4])
-def test_rows_that_the_watchdog_cut_off_and_those_of_the_latency_are_not_asked_for(
-    ends: tuple[Endpoint, Far], latency: int
-) -> None:
+def test_rows_lost_to_watchdog_or_latency_are_not_asked_for(ends: tuple[Endpoint, Far], latency: int) -> None:
     """The interval of the last drive, the one in which the watchdog tripped, and those before a drive acts."""
     kept = Account(ends[0], WATCHDOG, 1, RATE_HZ, latency)
     kept.begin(ARMED)
@@ -187,7 +185,7 @@ def test_a_board_that_counts_from_zero_again_has_missed_nothing(ends: tuple[Endp
     assert kept.of_silence(STOPPED._replace(lost_seq=0, bad_frames=1)) == ""
 
 
-def test_an_intact_frame_that_contradicts_itself_is_not_damage_and_covers_no_silence(
+def test_a_frame_that_contradicts_itself_is_no_damage(
     ends: tuple[Endpoint, Far],
 ) -> None:
     """A host that was silent because the frames it got were unacceptable has seen no cause."""

@@ -297,7 +297,7 @@ def test_what_accounted_for_one_stop_does_not_for_the_next(armed: Armed) -> None
     assert "never late" in armed.ends(TRIPPED)
 
 
-def test_what_the_board_had_missed_before_it_was_armed_accounts_for_nothing() -> None:
+def test_what_the_board_missed_before_arming_accounts_for_nothing() -> None:
     """Its counts are since its start; the host's since ARM (rule 6), the first as any later."""
     with connected() as ends:
         armed = Armed(*ends)

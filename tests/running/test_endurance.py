@@ -9,7 +9,7 @@ from benchmarks import endurance
 
 
 @pytest.mark.long
-def test_a_run_gone_on_with_ends_in_the_same_hashes_as_one_that_was_not_stopped(tmp_path: Path) -> None:
+def test_a_resumed_run_has_the_hashes_of_one_that_was_not_stopped(tmp_path: Path) -> None:
     whole = endurance.endure(tmp_path / "whole", 200_000, 50_000, lambda _: None)
     endurance.endure(tmp_path / "parts", 100_000, 50_000, lambda _: None)
     said: list[str] = []

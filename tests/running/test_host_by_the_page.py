@@ -83,7 +83,7 @@ def test_numbers_follow_each_other_and_safe_takes_none(board: Listens) -> None:
 # -- 3: "Host: the newest board tick it knows", in every header; "In lockstep … nobody asks" for the time
 
 
-def test_headers_carry_the_newest_tick_and_in_lockstep_nobody_asks_the_time(board: Listens) -> None:
+def test_headers_carry_the_newest_tick(board: Listens) -> None:
     streaming = [(item.tick, tick) for item, tick in board.of(DriveForce)[1:-1]]
     assert streaming
     assert all(told == tick for told, tick in streaming)

@@ -107,9 +107,7 @@ def scenario(path: Path, kind: str) -> Path:
 @pytest.mark.slow
 @pytest.mark.parametrize("mode", ["force", "gain"])
 @pytest.mark.parametrize("kind", BOARDS)
-def test_each_interface_closes_the_loop_on_two_axes_and_its_map_is_in_the_budget(
-    tmp_path: Path, kind: str, mode: str
-) -> None:
+def test_each_interface_closes_the_loop_and_its_map_is_in_the_budget(tmp_path: Path, kind: str, mode: str) -> None:
     blocks = {"block": 20, "estimate_every": 20} if mode == "gain" else {}
     truth, declared = tmp_path / "truth.arrow", override(bench(kind), {"loop": {"mode": mode, **blocks}}, "test")
     run, _ = close_loop(waiting(scenario(tmp_path / "board.toml", kind), truth), declared, tmp_path / "run")

@@ -74,7 +74,7 @@ def test_a_run_and_a_replay_load_no_compiler_and_no_sympy(tmp_path: Path) -> Non
     assert (record / "report.html").read_text() == render(folder)  # the figures are the same, whoever draws them
 
 
-def test_the_process_of_the_loop_that_was_started_ahead_is_the_one_of_the_first_run() -> None:
+def test_the_first_run_takes_the_loop_process_that_was_started_ahead() -> None:
     with started_ahead():
         with worker_process() as first, worker_process() as second:
             assert first.pid != second.pid

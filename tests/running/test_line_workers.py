@@ -101,7 +101,7 @@ def test_a_process_of_its_own_does_it_until_it_is_ended(number: int) -> None:
 
 
 @may_set
-def test_a_host_that_is_killed_leaves_them_ahead_and_the_next_run_gives_them_back() -> None:
+def test_a_killed_host_s_priorities_are_given_back_by_the_next_run() -> None:
     with subprocess.Popen([sys.executable, "-m", "hil.running.line_workers"]) as process:
         assert becomes(all_ahead)
         process.kill()

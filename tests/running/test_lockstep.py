@@ -123,9 +123,7 @@ def test_all_ends_when_the_host_is_killed(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("mode", [{}, {"mode": "gain", "block": 20, "estimate_every": 20}], ids=["force", "gain"])
-def test_a_host_that_stands_still_behind_its_last_answer_is_no_silence_of_the_board(
-    tmp_path: Path, mode: dict[str, Any]
-) -> None:
+def test_a_host_that_stood_still_is_no_silence_of_the_board(tmp_path: Path, mode: dict[str, Any]) -> None:
     """A board in lockstep has nothing to say until it is answered; what came just before says that it is there."""
     bench = gyro.bench(0.2, loop={"clock": "lockstep", **mode}, link={"timeout_s": 0.1})
     endpoint = Endpoint(closed.waiting(gyro.scenario(tmp_path / "board.toml")))

@@ -59,7 +59,7 @@ def test_one_whose_tick_is_to_come_is_named() -> None:
     assert verdict(sent(70), 70, 70) == ""
 
 
-def test_one_that_takes_over_within_a_block_may_be_named_by_each_part_of_it() -> None:
+def test_an_effect_that_starts_within_a_block_is_named_by_each_part() -> None:
     """On CAN a block comes in several SENSE."""
     matrices = sent(1)
     assert matrices.named(1, 14, 16) == ""

@@ -129,9 +129,7 @@ def test_a_board_that_does_not_agree_with_the_bench_file_is_refused() -> None:
         ),
     ],
 )
-def test_what_the_board_cannot_do_is_refused_and_what_is_not_asked_for_is_not(
-    lacks: Capabilities, changes: dict[str, Any], words: str
-) -> None:
+def test_only_what_is_asked_and_impossible_is_refused(lacks: Capabilities, changes: dict[str, Any], words: str) -> None:
     every = Capabilities.LOCKSTEP | Capabilities.PACED | Capabilities.FORCE_MODE | Capabilities.GAIN_MODE
     declared = bench(changes.get("clock", "paced"), **{key: value for key, value in changes.items() if key != "clock"})
     require_suitable(declared, GOOD._replace(capabilities=int(every)), LINK)
@@ -224,7 +222,7 @@ def test_a_session_number_is_never_that_of_a_board_that_restarted(
 @pytest.mark.parametrize(
     ("watchdog_s", "rate_Hz", "ticks"), [(0.4987, 400.0, 200), (0.4987, 800.0, 399), (0.02, 10.0, 2), (0.02, 400.0, 8)]
 )
-def test_a_watchdog_is_counted_in_whole_ticks_of_the_board_and_is_two_at_least(
+def test_a_watchdog_is_whole_ticks_of_the_board_and_at_least_two(
     ends: tuple[Endpoint, Far], watchdog_s: float, rate_Hz: float, ticks: int
 ) -> None:
     Registers(ends[1])
@@ -406,7 +404,7 @@ def test_a_dither_of_less_than_a_code_is_refused_where_the_board_adds_it() -> No
     require_suitable(bench(), GOOD._replace(drive_scale_mps2=1.01 * code), LINK)
 
 
-def test_the_matrices_of_a_board_filter_are_in_the_registers_of_their_names(ends: tuple[Endpoint, Far]) -> None:
+def test_a_board_filter_s_matrices_are_in_their_named_registers(ends: tuple[Endpoint, Far]) -> None:
     registers = Registers(ends[1])
     declared = bench(loop=GAIN)
     held, board = configure(ends[0], GOOD, declared), board_filter_of(declared)

@@ -210,7 +210,7 @@ def test_only_signs_of_axes_that_were_driven_are_tried() -> None:
     assert Predicts(ALL_WELL).told((0, 0)) == ""
 
 
-def test_of_a_record_without_a_single_sample_after_the_first_drive_nobody_can_tell() -> None:
+def test_a_record_without_a_sample_after_the_first_drive_tells_nothing() -> None:
     observer = Predicts(dict.fromkeys(ALL_WELL, 100.0) | {(-1, 1): 1.0})
     drive = np.zeros((observer.ROWS, 2))
     drive[observer.BEGIN :] = 1.0
@@ -218,7 +218,7 @@ def test_of_a_record_without_a_single_sample_after_the_first_drive_nobody_can_te
     assert wrong_way(gyro.bench(0.6), lambda: observer, lost, drive) == ""
 
 
-def test_forty_cycles_after_acquisition_are_looked_at_but_no_more_than_twenty_thousand_samples() -> None:
+def test_it_reads_forty_cycles_and_at_most_twenty_thousand_samples() -> None:
     bench = gyro.bench(0.6)
     bench = bench.model_copy(update={"observer": bench.observer.model_copy(update={"acquisition_s": 0.5})})
     rate_Hz, resonance_Hz = bench.device.sample_rate_Hz, bench.device.resonance_Hz

@@ -110,7 +110,7 @@ def test_a_board_deaf_to_safe_is_unsafe(tmp_path: Path) -> None:
     assert board.safes == 8
 
 
-def test_a_board_that_stops_and_does_not_say_so_is_unsafe_and_not_called_driven(tmp_path: Path) -> None:
+def test_a_board_that_stops_silently_is_unsafe(tmp_path: Path) -> None:
     """What came before SAFE says nothing of what the board does since."""
     told = Told()
     with served(misbehaving.Obeys()) as board:
@@ -515,7 +515,7 @@ def test_a_board_that_waits_for_its_processor_in_safe_is_not_accused(tmp_path: P
 
 
 @pytest.mark.parametrize(("driven", "confirmed"), [(0xBAD, True), (0xBEEF, False)])
-def test_after_a_dead_loop_the_board_that_answers_is_the_one_that_was_driven(driven: int, confirmed: bool) -> None:
+def test_after_a_dead_loop_the_board_that_was_driven_answers(driven: int, confirmed: bool) -> None:
     """Another may have the link's name by then; it is told to be SAFE, and speaks for nobody else."""
 
     class NotOurs:

@@ -59,7 +59,7 @@ def test_the_loop_closes_on_a_velocity(tmp_path: Path, loop: dict[str, Any]) -> 
 
 
 @pytest.mark.slow
-def test_a_replay_finds_what_the_run_found_and_its_scan_has_nothing_against_it(tmp_path: Path, no_report: None) -> None:
+def test_a_replay_finds_what_the_run_found(tmp_path: Path, no_report: None) -> None:
     declared = bench(4.0)
     run, _ = close_loop(waiting(scenario(tmp_path / "board.toml")), declared, tmp_path / "run")
     folder = replay(run.capture_path, declared, tmp_path / "again", progress=lambda _: None).folder

@@ -60,7 +60,7 @@ def test_programs_of_the_same_user_find_it_while_it_lasts(tmp_path: Path) -> Non
 
 
 @pytest.mark.moderate
-def test_an_answer_does_not_wait_until_what_was_sent_before_is_acknowledged(tmp_path: Path) -> None:
+def test_an_answer_does_not_wait_for_an_acknowledgement(tmp_path: Path) -> None:
     """Without TCP_NODELAY on what asyncio accepts, that takes 40 ms: of SAFE, too."""
 
     async def accepted(listening: socket.socket) -> int:

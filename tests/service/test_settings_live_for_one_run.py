@@ -111,7 +111,7 @@ def test_the_watchdog_that_applies_is_shown_where_none_is_declared(operator: Ope
     assert told(operator, bench_toml=text.replace("watchdog_s = 0.02", "watchdog_s = 0.03"))["watchdog"] == "0.03 s"
 
 
-def test_a_setting_that_the_board_cannot_have_is_refused_when_it_is_asked_for(operator: Operator) -> None:
+def test_a_setting_that_the_board_cannot_have_is_refused(operator: Operator) -> None:
     """By the name of the link that was connected; a start that brings it is refused with the same reason."""
     headers = {"x-lease": operator.lease}
     patch = operator.service.ask("PATCH", "/api/board/settings", json={"amplitude": 1.0}, headers=headers)

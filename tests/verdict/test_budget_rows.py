@@ -197,7 +197,7 @@ def test_what_nobody_declared_is_a_row_too() -> None:
     assert "undeclared effects" not in without
 
 
-def test_a_constant_of_which_the_scan_watched_one_axis_only_has_its_closed_form() -> None:
+def test_a_constant_watched_on_one_axis_has_its_closed_form() -> None:
     watched = information()
     coefficients = (
         watched.coefficients[0],

@@ -19,7 +19,7 @@ DRAWN = 7145003
 
 
 @pytest.mark.slow
-def test_a_device_that_starts_from_rest_at_200_kilosamples_has_its_constants_told_right(tmp_path: Path) -> None:
+def test_constants_are_right_from_rest_at_200_kilosamples(tmp_path: Path) -> None:
     plant = PLANTS["S-modern calibrated"]
     bench = bench_of(plant, DRAWN)
     scenario = tmp_path / "drawn.scenario.toml"

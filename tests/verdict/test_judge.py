@@ -82,7 +82,7 @@ def test_the_worst_part_says_what_is_next(judged: Any) -> None:
     assert judged(safety=hint, model=BAD["model"]).next == "hil trace runs/a"  # a good part asks for nothing
 
 
-def test_where_no_part_asks_for_anything_the_command_is_what_one_does_with_such_a_run(judged: Any) -> None:
+def test_the_next_command_fits_a_run_where_no_part_asks_for_anything(judged: Any) -> None:
     assert judged(angled=True).next.endswith("a run' --what angle")
     assert judged(stopped="stopped on request").next.startswith("hil check '")
     lacks, invalid = Part(outcome="lacks", reason="innovation 9 ×"), BAD["angle"]
@@ -138,7 +138,7 @@ def result_of(verdict_word: Any, reasons: tuple[str, ...] = (), **parts: Part) -
     return Result(run="r", seconds=1.0, samples=9, complete=True, **given)
 
 
-def test_a_truth_that_contradicts_the_angle_fails_a_good_run_and_the_right_one_clears_it(again: Any) -> None:
+def test_a_wrong_truth_fails_a_good_run_and_the_right_one_clears_it(again: Any) -> None:
     failed = again(result_of("good"), BAD["angle"])
     assert (failed.verdict, failed.reasons, failed.parts["angle"]) == ("failed", ("± 310 mrad",), BAD["angle"])
     cleared = again(failed, GOOD["angle"])

@@ -22,7 +22,7 @@ def result(complete: bool | None, *, ratio: float = 1.0) -> Result:
     )
 
 
-def test_what_the_scan_lacks_is_held_against_the_model_with_the_trace_that_comes_next(tmp_path: Path) -> None:
+def test_what_the_scan_lacks_blames_the_model_and_names_the_trace(tmp_path: Path) -> None:
     place = tmp_path / "a run"
     place.mkdir()
     part = judge_model(RunFolder(place), result(False), gyro.bench())
@@ -124,9 +124,7 @@ def swinging(place: Path, times: float, unit: float = 1.0, *, decay_per_s: float
 
 
 @pytest.mark.parametrize(("unit", "ratio", "of_floor"), [(1e3, "1000", 826.0), (1e-3, "0.00100", 1e-3)])
-def test_a_wrong_unit_of_the_voltages_comes_before_all_that_follows_from_it(
-    tmp_path: Path, unit: float, ratio: str, of_floor: float
-) -> None:
+def test_a_wrong_voltage_unit_is_told_first(tmp_path: Path, unit: float, ratio: str, of_floor: float) -> None:
     part = judge_model(swinging(tmp_path, 1.0, unit), result(None, ratio=of_floor), gyro.bench())
     assert part.outcome == "lacks"
     assert part.reason.startswith(f"the sense voltages are {ratio} × what the bench file can give")
@@ -138,7 +136,7 @@ def test_a_wrong_unit_of_the_voltages_comes_before_all_that_follows_from_it(
     ("times", "decay_per_s", "of_floor"),
     [(1.0, 0.0, 1.6), (0.5, 0.0, 1.6), (1.0, 3.0, 1.6), (1e-3, 0.0, 1.0), (3e-3, 0.0, 1.6), (20.0, 0.0, 1.6)],
 )
-def test_a_free_decay_a_small_motion_and_another_set_point_are_no_wrong_unit(
+def test_a_decay_or_a_small_motion_is_no_wrong_unit(
     tmp_path: Path, times: float, decay_per_s: float, of_floor: float
 ) -> None:
     part = judge_model(swinging(tmp_path, times, decay_per_s=decay_per_s), result(True, ratio=of_floor), gyro.bench())

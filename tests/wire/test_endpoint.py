@@ -240,7 +240,7 @@ def endless(lines):
     return tuple(FieldEntry("endless", f"line{line}", "u8", "1") for line in range(lines))
 
 
-def test_a_table_of_more_lines_than_the_page_allows_is_refused_at_the_first():
+def test_a_table_with_too_many_lines_is_refused():
     """docs/wire.md, When the specs differ: at most 1024 lines."""
     endpoint, board = pair(spec_hash=1)
     board.table = endless(1025)

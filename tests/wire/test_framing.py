@@ -158,7 +158,7 @@ def test_longest_payload_passes_and_a_longer_one_does_not():
         encode_frame(0x20, 0, 0, payload + b"\0")
 
 
-def test_a_run_too_long_for_any_frame_is_oversize_with_both_its_delimiters_at_once():
+def test_bytes_too_long_for_a_frame_are_oversize():
     decoder = Decoder()
     assert decoder.feed(b"\0" + b"\1" * (MAX_ENCODED + 1) + b"\0") == []
     assert (decoder.oversize, decoder.bad) == (1, 1)

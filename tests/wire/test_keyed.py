@@ -372,7 +372,7 @@ def test_a_stranger_on_loopback_is_not_heard(plain_board):
 
 @pytest.mark.slow
 @pytest.mark.realtime
-def test_a_stranger_may_begin_a_session_when_the_host_is_gone_and_the_board_stops(plain_board):
+def test_another_host_may_begin_a_session_when_the_first_is_gone(plain_board):
     _, host, port = plain_board
     client.connect(host, PATIENCE_S)
     client.write_register(host, "CLOCK_MODE", ClockMode.LOCKSTEP, PATIENCE_S)
