@@ -23,8 +23,6 @@ BENCHMARKS = {
     "uncertainty": "errors of the angle beside its U over 60 drawn devices of three plants; kept in runs/uncertainty",
     "variants": "the observers of 7 and 11 states",
     "speed": "a step of 7, 11, 13 states, of 13 with effects, beside C, filterpy and NumPy",
-    "traces": "a trace of 100,000 samples beside one pass of the observer over them",
-    "paths": "the wire beside the bare least of it, in the same run",
     "stationary": "a tabulated gain beside the EKF, memories of 0.1 to 10 s, devices up to 5 %% off",
     "faults": "lost and corrupted frames in lockstep beside the same run on a clean line",
     "compensation": "angle and rate error in the loop before and after a trace, for every effect",
@@ -32,11 +30,8 @@ BENCHMARKS = {
     "custom_effect": "effects of one's own beside the catalogue's of the same form: cost of a step, angle error",
     "plug_in": "the bench's own estimator as a compiled plug-in beside the one built in: cost of a sample",
     "trace_time": "a trace of a million samples with the whole catalogue",
-    "bit_flips": "a thousand single changed bits in the record files of a run, each to be told",
     "kills": "kill -9 of host, loop, recorder and board at random moments",
     "closing_scan": "the scan that closes a run: 24 s at 4 kHz, 60 s at 100 kS/s",
-    "memory": "what the verbs need of memory for a minute at 100 kS/s; MEMORY_S=3600 for an hour",
-    "bad_line": "a hundred million samples in lockstep on a bad line, twice: the same bytes, nothing silently lost",
     "misbehaviour": "a hundred and forty ways for a board to misbehave, each with what the pages promise",
     "fuzz": "a hundred million bytes of noise and damage into every decoder",
     "attack": "ten million attacks on a keyed link, in C; a share of them in Python and over sockets; what a key costs",
@@ -57,7 +52,6 @@ LONG = {
     "comparison": "the observers beside the prior art on 12 drawn records, kept in runs/comparison; ten minutes",
     "service": "pages beside the loop, SAFE from the page, kills, cycles; SERVICE_PARTS names some; an hour and more",
     "page": "the page in a real browser at 100 kS/s: pictures, processor, heap; PAGE_S=900, a quarter of an hour",
-    "calm": "traces of 22 records that hardly excite anything: what is named, and with which look-alikes; half an hour",
     "io_faults": "a disk that fails at every call of a run that writes; hours, IO_FAULTS_EVERY=N for one in N",
     "mutants": "a sample of small changes to what makes the bench's word: does a test fail for each; about an hour",
     "play": "48 drawn devices with, without and within the play of an elastic element: named, and how far off",
@@ -66,7 +60,7 @@ LONG = {
     "separations": "thirty calm devices of several accounts: whether the experiments proposed tell them apart; an hour",
     "verdicts": "340 runs on emulated devices, verdict and uncertainty beside the truth; about an hour on two cores",
 }
-SPEED = ("speed", "traces", "paths", "force_mode")
+SPEED = ("speed", "force_mode")
 TARGET = Path("runs/bench.json")
 
 
