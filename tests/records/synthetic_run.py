@@ -92,6 +92,8 @@ class Options:
     seed: int = 1
     first_tick: int = 0
     """Where the board's count of samples stands when the run begins."""
+    zeroed: bool = False
+    """Whether angles count from a new zero where scoring starts, as those of a run do."""
 
 
 def pattern(t, phi, rate, quadrature=0.01):
@@ -196,6 +198,7 @@ def _records(options, rng, tick, t, true):
                 "target_stiffness_per_s2": K,
                 "virtual_rotation_rad_s": options.virtual_rotation_rad_s,
                 "mass_kg": MASS_KG,
+                **({"angle_zero_after_s": options.settle_s} if options.zeroed else {}),
             },
         ),
     }
@@ -256,6 +259,9 @@ def _estimates(options, rng, dtype, states, tick, t, true):
         rows["energy_ratio"] = 1 + 0.05 * start + 1e-3 * rng.standard_normal(m)
         rows["quadrature_ratio"] = 0.02 + 0.1 * start + 1e-3 * rng.standard_normal(m)
         rows["valid"] = t[chosen] > 0.05
+        if options.zeroed:
+            scored = t[chosen] >= options.settle_s
+            rows["angle_rad"][scored] -= rows["angle_rad"][scored][0]
     return rows
 
 

@@ -18,7 +18,9 @@ from hil.records.diagnosis import to_model
 from hil.records.estimates import read_estimates
 from hil.records.result import TOO_SLOW, Parameter, Part, load_result, save_result
 from hil.records.runfolder import RunFolder
+from hil.records.truth import read_truth
 from hil.report.figures import pattern
+from hil.report.figures.angle import angle_figure
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.material import Material
 from hil.report.page import write_report
@@ -472,3 +474,16 @@ def test_a_coefficient_without_a_truth_says_so_in_its_row(make_run, undrawn):
     save_result(folder / "result.json", result.model_copy(update={"parameters": result.parameters | {"c_both": form}}))
     (row,) = re.findall(r"<tr><th[^>]*>c both</th>(.*?)</tr>", written(folder, truth))
     assert re.findall(r">([^<]*)</td>", row)[2:] == ["–", "–", "–"]
+
+
+@pytest.mark.parametrize("given", [False, True], ids=["alone", "with truth"])
+def test_the_angle_is_drawn_without_a_step_where_its_zero_is(tmp_path, given):
+    truth = write_run(tmp_path / "run", Options(zeroed=True))
+    drawing = angle_figure(Material(RunFolder(tmp_path / "run"), read_truth(truth) if given else None))
+    lines = {line.get_label(): line for line in drawing.figure.axes[0].get_lines()}
+    t, angle = lines["reported angle φ"].get_data()
+    assert np.abs(np.diff(angle)).max() < 0.02  # 2.2 rad/s at most, a row each 2.5 ms
+    assert angle[np.searchsorted(t, 0.5)] == pytest.approx(0.0, abs=0.01)
+    if given:
+        t, truth = lines["truth"].get_data()
+        assert truth[0] == pytest.approx(angle[0], abs=0.01)

@@ -9,6 +9,7 @@ from hil.numbers import prefix_for, quantity, significant
 from hil.records.coverage import COVERAGE
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
+from hil.records.table import scored_from_s
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import PixelSeries
@@ -36,7 +37,8 @@ def angle_figure(material: Material) -> Drawing | None:
     estimates, reference = material.estimates, material.reference
     if estimates is None or "angle_rad" not in estimates:
         return None
-    whole = material.drawn(lambda part: _series(material, part))
+    zero = _zero(estimates)
+    whole = material.drawn(lambda part: _series(material, part, zero))
     if not np.isfinite(whole.low[:, _ANGLE]).any():
         return None
     curves = (_PLAIN, _INTEGRATED) if reference is None else (_REPORTED, _INTEGRATED)
@@ -72,7 +74,7 @@ def angle_figure(material: Material) -> Drawing | None:
     figures = "; ".join(
         f"{curve.name} {quantity(float(rms), 'rad')} rms" for curve, rms in zip(curves, apart.held.rms, strict=False)
     )
-    caption = f"Above, the angle; below, the difference from {against}, zero where scoring starts: {figures}."
+    caption = f"Above, the angle; below, the difference from {against}; both zero where scoring starts: {figures}."
     if expanded:
         caption += " Bands: the expanded uncertainty (k = 2) since scoring starts."
     if invalid.any():
@@ -83,9 +85,27 @@ def angle_figure(material: Material) -> Drawing | None:
     return Drawing(figure, "Angle", caption, alt)
 
 
-def _series(material: Material, part: Estimates) -> list[Floats]:
+class _Zero(NamedTuple):
+    """Where the angles begin to count anew: bench time, and the angle in rad that was counted until then."""
+
+    t_s: float
+    turn_rad: float
+
+
+def _zero(estimates: Estimates) -> _Zero:
+    """The new zero of the angles; none before the first row where they have one zero only."""
+    at = scored_from_s(estimates.ends_s[0], estimates.header.get("angle_zero_after_s", 0.0), estimates.tick_rate_Hz)
+    first = len(estimates) - len(estimates.since(at))
+    if not 1 < first < len(estimates):
+        return _Zero(0.0, 0.0)
+    earlier, last = estimates.part(first - 2, first)["angle_rad"]
+    turn = 2.0 * last - earlier
+    return _Zero(at, float(turn) if np.isfinite(turn) else 0.0)
+
+
+def _series(material: Material, part: Estimates, zero: _Zero) -> list[Floats]:
     """Angle, the ends of its band, whether it means nothing, and half the band, of a part of the estimates (n,)."""
-    angle, half = part["angle_rad"], np.zeros(len(part))
+    angle, half = part["angle_rad"] - np.where(part.t_s < zero.t_s, zero.turn_rad, 0.0), np.zeros(len(part))
     if "angle_u_rad" in part:  # of the angle's change since scoring starts: 0 before
         u = part["angle_u_rad"]
         half = COVERAGE * np.where((part.t_s >= material.settle_s) & np.isfinite(u), u, 0.0)
