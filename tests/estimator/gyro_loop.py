@@ -224,3 +224,15 @@ def troubled(truth: Truth) -> Record:
     made.sense[400, 0] = np.nan
     made.sense[410:412, 1] = np.nan
     return made
+
+
+def ideal_states(truth: Truth, rate: float, n: int) -> Array:
+    """True state vectors (n, 13) of the ideal device of that truth, swinging along a line on a board that turns."""
+    w = math.sqrt(truth.omega0**2 + rate**2)
+    t = np.arange(n) / truth.sample_rate
+    turned = np.exp(-1j * rate * t) * truth.amplitude
+    z, dz = turned * np.cos(w * t), turned * (-1j * rate * np.cos(w * t) - w * np.sin(w * t))
+    states = np.zeros((n, 13))
+    states[:, :4] = np.column_stack([z.real, dz.real, z.imag, dz.imag])
+    states[:, 6], states[:, 7:] = rate, truth.parameters
+    return states

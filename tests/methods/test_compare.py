@@ -20,8 +20,8 @@ SECONDS = 3.0
 ON_RECORD = [
     *(f"{states} states, {gain}" for states in (7, 11, 13) for gain in ("stationary", "EKF", "fading")),
     "13 states and the rotation, EKF",
-    "(a) rate without sense errors, integrated",
     "(a) rate by modulating functions, integrated",
+    "(a) rate without sense errors, integrated",
     "(b) formula (11) on raw signals",
     "(b) formula (11), averaged over a cycle",
     "(c) control law without sense errors",
