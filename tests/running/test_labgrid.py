@@ -118,9 +118,10 @@ def test_a_link_that_is_no_place_is_refused(monkeypatch: pytest.MonkeyPatch) -> 
 @pytest.mark.skipif(
     shutil.which("labgrid-coordinator") is None, reason="labgrid is not on the path (pipx install labgrid)"
 )
-def test_labgrids_own_coordinator_gives_and_takes_back(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_labgrids_own_coordinator_gives_and_takes_back(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("LG_COORDINATOR", "127.0.0.1:20497")
-    with subprocess.Popen(["labgrid-coordinator", "-l", "127.0.0.1:20497"], stderr=subprocess.DEVNULL) as coordinator:
+    asked = ["labgrid-coordinator", "-l", "127.0.0.1:20497"]
+    with subprocess.Popen(asked, stderr=subprocess.DEVNULL, cwd=tmp_path) as coordinator:  # it keeps files there
         try:
 
             def client(*words: str) -> str:
