@@ -8,7 +8,7 @@ would be fewer than 128 per cycle, less where 256 per cycle are enough. Its freq
 what any observer here resolves. While dry friction turns over, within some v0 of rest, a step is cut until the velocity
 moves by half of v0 in each part; else what friction gives in the sample of a turn would be off by up to 4 %. Effects
 with states of their own (a parasitic mode, a support) have them integrated along, at ≥ 32 steps per cycle of theirs.
-Where the mass takes along the foot of an element with play, or leaves it, a step ends (`device_emulator.play`).
+Where the mass takes along the foot of an element with play, or leaves it, a step ends (native/play.h).
 
 The force noise is white: Brownian, of intensity 2 kB T D / m² for the whole damping matrix D (fluctuation and
 dissipation), plus the drive amplifier's. It is drawn once per sub-step and held over it.

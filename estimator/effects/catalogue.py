@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 from types import ModuleType
 
-from estimator.effects import damping, delay, drive, equivalent, line, sense, stiffness, temperature
+from estimator.effects import damping, delay, drive, equivalent, hysteresis, line, sense, stiffness, temperature
 from estimator.effects.declaration import OWN, Effect
 from estimator.errors import ModelError
 
@@ -14,7 +14,7 @@ def collected(modules: Iterable[ModuleType]) -> tuple[Effect, ...]:
     return tuple(sorted(declared, key=lambda effect: effect.number))
 
 
-EFFECTS = collected((stiffness, damping, sense, drive, delay, line, temperature, equivalent))
+EFFECTS = collected((stiffness, hysteresis, damping, sense, drive, delay, line, temperature, equivalent))
 
 
 def names() -> tuple[str, ...]:

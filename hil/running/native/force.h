@@ -8,18 +8,13 @@
 
 #include "answer.h"
 #include "echo.h"
+#include "limits.h"
 
 /* The newest command was not sent: the board will hold the one before it. */
 static void withdraw(turn_t *turn)
 {
     if (turn->latency > 0)
         memcpy(turn->queue + 3 * turn->latency, turn->queue + 3 * (turn->latency - 1), 3 * sizeof *turn->queue);
-}
-
-static bool may_be_sent(const turn_t *turn, const double codes[2])
-{
-    double limit = (double)turn->code_limit;
-    return fabs(codes[0]) <= limit && fabs(codes[1]) <= limit; /* which NaN is not */
 }
 
 /* Send the codes, and note what hangs off that. */
@@ -91,7 +86,7 @@ static int take(turn_t *turn, const row_t *row, int64_t oldest)
     judge(turn, since);
     if (row->tick < oldest || turn->residual_safe) {
         withdraw(turn);
-    } else if (!may_be_sent(turn, codes)) {
+    } else if (!drive_may_be_sent(turn, codes)) {
         memcpy(turn->refused, codes, sizeof codes);
         turn->stop = 1;
         return TURN_BEYOND;

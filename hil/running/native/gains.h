@@ -5,6 +5,7 @@
 
 #include "answer.h"
 #include "matrices.h"
+#include "limits.h"
 
 /* Enter the oldest matrix into the ledger, with the first tick computed with it, -1 where none was seen. */
 static void close_oldest(turn_t *turn, int64_t applied)
@@ -57,20 +58,6 @@ static int64_t latest(const gains_t *gains)
         if (gains->late[k] > most)
             most = gains->late[k];
     return most;
-}
-
-/* Whether a board takes the matrix; else the first number that it does not take. */
-static bool gains_may_be_sent(turn_t *turn)
-{
-    const gains_t *gains = turn->gains;
-    for (int k = 0; k < 10; k++) {
-        double number = k < 8 ? gains->gain[k] : gains->bias[k - 8];
-        if (!(fabs(number) <= (double)HIL_GAINS_LIMIT)) { /* which NaN is not */
-            turn->refused[0] = number;
-            return false;
-        }
-    }
-    return true;
 }
 
 /* Solve for the matrix and send it, zeros while the loop is open. */

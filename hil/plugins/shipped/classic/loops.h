@@ -1,5 +1,5 @@
-/* The loops that vibrating gyroscopes are run with: phase, amplitude, quadrature and rate, each from demodulated
-   signals, in a frame that is turned by `frame` against the axes of the device (Lynch, 1995).
+/* The loops that vibrating gyroscopes are run with: a phase-locked loop (PLL), amplitude, quadrature and rate, each from
+   demodulated signals, in a frame that is turned by `frame` against the axes of the device (Lynch, 1995).
 
    Along the frame's first axis the mass is driven; across it the rate is felt. Force to rebalance holds the frame still
    and the motion across it at zero by a force; whole angle lets the frame follow the motion; mode reversal turns the
