@@ -8,7 +8,7 @@ is for what does not follow the vibration.
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import block_diag, expm
+from scipy.linalg import block_diag, expm, logm
 
 from estimator.scaling import Array
 
@@ -19,27 +19,22 @@ _MEMBERS = 2 + 2 * len(HARMONICS)  # states of an axis
 
 @dataclass(frozen=True)
 class Latent:
-    """variance (PARTS,) of the slow part, of each harmonic, of the broad part, scaled; cycles: of the resonance, over
-    which all but the broad part stay alike; frequency: of the resonance, scaled.
+    """variance (PARTS,) of the slow part, of each harmonic, of the broad part, scaled, alike on both axes; cycles: of
+    the resonance, over which all but the broad part stay alike; frequency: of the resonance, scaled.
     """
 
     variance: tuple[float, ...]
     cycles: float
     frequency: float = 1.0
-    balance: float = 1.0
 
     def with_variance(self, part: int, value: float) -> "Latent":
         """The same with another variance of one part."""
         changed = tuple(value if index == part else old for index, old in enumerate(self.variance))
         return replace(self, variance=changed)
 
-    def widened(self, factor: float) -> "Latent":
-        """The same with variances so many times as large."""
-        return replace(self, variance=tuple(factor * value for value in self.variance))
 
-
-def _axis(latent: Latent, factor: float) -> tuple[Array, Array, Array]:
-    """Field, output and stationary covariance, times a factor, of the states of one axis."""
+def _axis(latent: Latent) -> tuple[Array, Array, Array]:
+    """Field, output and stationary covariance of the states of one axis."""
     decay = latent.frequency / (2.0 * np.pi * latent.cycles)
     slow, *middle, broad = latent.variance
     blocks, output, variance = [np.array([[-decay]])], [1.0], [slow]
@@ -49,9 +44,7 @@ def _axis(latent: Latent, factor: float) -> tuple[Array, Array, Array]:
         output += [1.0, 0.0]
         variance += [own, own]
     blocks.append(np.array([[-latent.frequency]]))
-    output.append(1.0)
-    variance.append(broad)
-    return block_diag(*blocks), np.array(output), factor * np.diag(variance)
+    return block_diag(*blocks), np.array([*output, 1.0]), np.diag([*variance, broad])
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +59,9 @@ class Augmented:
     seen: Array
 
 
-def augmented(latent: Latent, matrix: Array, step: float, force_noise: float) -> Augmented:
-    """With M (states, states) of the motion.  force_noise: density of a white force, scaled, on each axis."""
+def augmented(latent: Latent, moved: Array, step: float, force_noise: float) -> Augmented:
+    """With the motion's own step (states, states).  force_noise: density of a white force, scaled, on each axis."""
+    matrix = np.real(logm(moved)) / step
     size = len(matrix)
     axes = size // 2
     total = size + axes * _MEMBERS
@@ -75,8 +69,8 @@ def augmented(latent: Latent, matrix: Array, step: float, force_noise: float) ->
     whole[:size, :size] = matrix
     density = np.zeros((total, total))
     force = np.zeros((axes, total))
+    own, output, stationary = _axis(latent)
     for axis in range(axes):
-        own, output, stationary = _axis(latent, (latent.balance, 1.0 / latent.balance)[axis] if axes == 2 else 1.0)
         rows = slice(size + axis * _MEMBERS, size + (axis + 1) * _MEMBERS)
         whole[rows, rows] = own
         force[axis, rows] = output

@@ -20,6 +20,7 @@ STIFFNESS = (OMEGA**2 * 1.01, OMEGA**2 * 0.99, OMEGA**2 * 0.005)
 DAMPING = (OMEGA / 600.0, OMEGA / 500.0, OMEGA / 9000.0)
 RATE = 0.9
 A_FORCE = LENGTH * OMEGA**2
+OFFSET = (3e-3, -2e-3)
 
 
 @dataclass(frozen=True)
@@ -71,8 +72,7 @@ def problem_of(position: Floats, drive: Floats, rate_Hz: float, noise: float, se
     """What a laboratory has of it."""
     axes = position.shape[1]
     rng = np.random.default_rng(seed)
-    offset = np.array([3e-3, -2e-3])[:axes]
-    sense = GAIN * position + offset + noise * GAIN * LENGTH * rng.standard_normal(position.shape)
+    sense = GAIN * position + np.array(OFFSET[:axes]) + noise * GAIN * LENGTH * rng.standard_normal(position.shape)
     step = np.full(len(position), 1.0 / rate_Hz)
     record = Record(sense, drive_polynomials(drive, "bandlimited"), step)
     off = (1.01, 0.992, 0.7)

@@ -5,8 +5,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import sympy as sp
 
-from estimator.missing_force.along import along
+from estimator.effects.declaration import Effect, Source, name_of
 from estimator.missing_force.library import Term, library
 from estimator.scaling import Scaling
 from tests.estimator.missing_force.simulated import simulated
@@ -25,6 +26,23 @@ def terms(axes: int) -> tuple[Term, ...]:
 
 CASES = [(axes, term) for axes in (1, 2) for term in terms(axes)]
 NAMES = [f"{axes}-{term.form}" for axes, term in CASES]
+
+
+def along(
+    effect: Effect, given: dict[str, float], scaling: Scaling, series: dict[str, np.ndarray], axes: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Force and sensed displacement (n, axes), scaled, of a law with its numbers `given` (SI) along series (n,)."""
+    numbers = {name_of(one): given[one.name] / scaling.coefficient(one) for one in effect.coefficients}
+    numbers |= {name_of(one): given[one.name] / scaling.coefficient(one) for one in effect.parameters}
+    times = {name_of(signal): series["t"] for signal in effect.signals if signal.source is not Source.PARAMETER}
+    values = {**series, **times, **numbers}
+    out = np.zeros((2, len(series["t"]), axes))
+    for place, laws in enumerate((effect.force, effect.sense)):
+        for axis, law in enumerate(laws[:axes]):
+            names = sorted(symbol.name for symbol in law.free_symbols)
+            plain = law.subs({symbol: sp.Symbol(symbol.name) for symbol in law.free_symbols})
+            out[place, :, axis] = sp.lambdify(sp.symbols(names), plain, "numpy")(*(values[name] for name in names))
+    return out[0], out[1]
 
 
 def moving(axes: int) -> tuple[dict[str, np.ndarray], Scaling]:
