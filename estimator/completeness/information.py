@@ -70,19 +70,9 @@ class Posterior:
         return np.asarray(np.sqrt(np.maximum(spread, 0.0)))
 
     @property
-    def angle_shift(self) -> Array:
-        """How far (m,) the angle would move, were the coefficients carried at their mean, rad."""
-        return np.asarray(self.sensitivity @ self.mean)
-
-    @property
     def angle_uncertainty(self) -> Array:
         """Root mean square (m,) of what the angle is expected to be off by, the coefficients not being carried, rad."""
-        return np.asarray(np.hypot(self.angle_deviation, self.angle_shift))
-
-    def contribution(self, symbol: str) -> Array:
-        """What the angle is expected to be off by (m,) for this coefficient alone, rms, rad."""
-        k = self.symbols.index(symbol)
-        return np.asarray(np.abs(self.sensitivity[:, k]) * np.hypot(self.deviation[k], self.mean[k]))
+        return np.asarray(np.hypot(self.angle_deviation, self.sensitivity @ self.mean))
 
 
 @dataclass(frozen=True)
@@ -158,20 +148,6 @@ class Information:
             self.sensitivity[:, places],
             0.5 * float(score @ covariance @ score - np.linalg.slogdet(within)[1]) if places else 0.0,
         )
-
-    def cannot_exclude(self, prior_sd: Mapping[str, float]) -> dict[str, Array]:
-        """By effect that has no prior: by how much (m,) rad more the angle may be off, rms, if that effect is there,
-        no larger than is plausible and than the record allows, beside what is declared.
-        """
-        alone = self.posterior(prior_sd)
-        declared = alone.angle_uncertainty**2
-        found = {}
-        for effect in self.effects:
-            if all(self.coefficients[k].symbol in prior_sd for k in self.columns([effect])):
-                continue
-            beside = self.posterior(prior_sd, effect).angle_uncertainty ** 2
-            found[effect] = np.asarray(np.sqrt(np.maximum(beside - declared, 0.0)))
-        return found
 
     def beyond(self, prior_sd: Mapping[str, float]) -> tuple[str, Array]:
         """What the record leaves open beside the calibration: the effect without prior that contributes most ("" where

@@ -164,7 +164,8 @@ def test_a_clean_run_is_complete() -> None:
     found = scanned(record_of(loop()))
     assert found.outcome is Outcome.COMPLETE, found.reason
     assert found.information is not None
-    assert max(float(np.max(moved)) for moved in found.information.cannot_exclude({}).values()) < 0.05
+    left = [found.information.posterior({}, effect).angle_uncertainty for effect in found.information.effects]
+    assert np.max(left) < 0.05
 
 
 @pytest.mark.long
