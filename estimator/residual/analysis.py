@@ -9,14 +9,14 @@ from estimator.record import Record
 from estimator.residual.floor import Floor, noise_floor, repeated_noise
 from estimator.residual.significance import deviations, of_many
 from estimator.residual.spectrum import Band, Line, bands, density, lines, periodogram
-from estimator.residual.whiteness import Whiteness, cumulative_periodogram, portmanteau, sensible_lags
+from estimator.residual.whiteness import Whiteness, portmanteau, sensible_lags
 from estimator.scaling import Array
 
 FALSE_ALARM = 0.01
 """That white noise gives any finding at all."""
 
 _SHOWN = 1e-4  # resonances: an offset from a multiple that is told
-_FAMILIES = 5  # floor, portmanteau, cumulative periodogram, bands, lines
+_FAMILIES = 4  # floor, portmanteau, bands, lines
 _SMALLEST_POWER = -300.0  # of ten, as a chance is told
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _TINY_FLOOR = np.finfo(float).tiny
@@ -40,7 +40,7 @@ def analyse(
     fit = fit_of(innovation, floor, white)
     found = [
         *_of_level(fit, floor, deviation, len(innovation), share),
-        *_of_whiteness(levelled, white, fit, share),
+        *_of_whiteness(white, fit, share),
         *_of_lines(
             bands(spectrum, sample_rate, resonance_hz),
             lines(spectrum, sample_rate, resonance_hz, share),
@@ -88,18 +88,12 @@ def _of_level(fit: Fit, floor: Floor, deviation: Array, samples: int, share: flo
     return found
 
 
-def _of_whiteness(series: Array, white: Whiteness, fit: Fit, share: float) -> list[Finding]:
+def _of_whiteness(white: Whiteness, fit: Fit, share: float) -> list[Finding]:
+    if white.log_p >= math.log(share):
+        return []
     total = math.sqrt(sum(rms * rms for rms in fit.innovation_rms))
-    found = []
-    if white.log_p < math.log(share):
-        text = f"autocorrelated (Ljung–Box, p {_chance(white.log_p)})"
-        found.append(Finding("whiteness", text, total, deviations(white.log_p)))
-    lopsided = min((cumulative_periodogram(column) for column in series.T), key=lambda test: test.log_p)
-    log_p = of_many(lopsided.log_p, series.shape[1])
-    if log_p < math.log(share):
-        text = f"its spectrum is not flat as a whole (cumulative periodogram, p {_chance(log_p)})"
-        found.append(Finding("whiteness", text, total, deviations(log_p)))
-    return found
+    text = f"autocorrelated (Ljung–Box, p {_chance(white.log_p)})"
+    return [Finding("whiteness", text, total, deviations(white.log_p))]
 
 
 def _of_lines(around: tuple[Band, ...], single: tuple[Line, ...], resonance: float, share: float) -> list[Finding]:

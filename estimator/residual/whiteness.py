@@ -1,22 +1,15 @@
-"""Is a series white?  Portmanteau test of its autocorrelation, and test of its cumulative periodogram.
-
-The first sees short memory, the second a spectrum that is lopsided as a whole.  Both have exact or nearly exact
-chances under white noise, gaps (NaN) included.
-"""
+"""Is a series white?  Portmanteau test of its autocorrelation, gaps (NaN) included."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import kolmogorov
 
 from estimator.chance import chi2_sf
 from estimator.scaling import Array
 
 LAGS, LAG_CYCLES, LAG_SHARE = 10, 2.0, 8
 """At least, in cycles of the resonance, and of the samples one in so many at most: fewer pairs tell nothing."""
-LIMITING = 1_000
-"""Ordinates from which on the limiting distribution is right to two parts in a hundred of any chance that is told."""
 
 
 @dataclass(frozen=True)
@@ -50,29 +43,6 @@ def portmanteau(series: Array, lags: int) -> Whiteness:
     statistic *= (total + 2.0) / total
     degrees = axes**2 * lags
     return Whiteness(statistic, chi2_sf(statistic, degrees), _log_chi2(statistic, degrees))
-
-
-def cumulative_periodogram(series: Array) -> Whiteness:
-    """Largest distance of the cumulative periodogram of series (n,) from a straight line (Bartlett 1955).
-
-    Under white noise it is distributed as Kolmogorov's and Smirnov's statistic.
-    """
-    filled = np.nan_to_num(series - np.nanmean(series))
-    power = np.abs(np.fft.rfft(filled)) ** 2
-    power = power[1 : (len(filled) + 1) // 2]  # without the mean and, where there is one, the line at half the rate
-    share = np.cumsum(power)[:-1] / np.sum(power)
-    count = len(share)
-    rank = np.arange(1, count + 1)
-    distance = float(max(np.max(rank / count - share), np.max(share - (rank - 1) / count)))
-    if count < LIMITING:
-        from scipy.stats import kstwo  # half a second, for short series alone
-
-        p = float(kstwo.sf(distance, count))
-    else:
-        root = math.sqrt(count)
-        p = float(kolmogorov((root + 0.12 + 0.11 / root) * distance))  # Stephens 1970
-    log_p = math.log(p) if p > 0.0 else math.log(2.0) - 2.0 * count * distance**2
-    return Whiteness(distance, p, log_p)
 
 
 def _whitened(series: Array) -> tuple[Array, Array]:

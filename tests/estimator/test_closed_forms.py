@@ -156,11 +156,3 @@ def test_tails_that_underflow_are_those_of_many_digits() -> None:
     assert np.isfinite(spectrum._log_f(1e6, above, below))
     tail = mpmath.log(mpmath.gammainc(10, 4000, mpmath.inf, regularized=True))
     assert whiteness._log_chi2(8000.0, 20) == pytest.approx(float(tail), rel=1e-3)
-
-
-def test_the_limiting_distribution_of_a_long_series_is_that_of_kolmogorov_and_smirnov() -> None:
-    series = np.random.default_rng(8).standard_normal(44_001)
-    found = whiteness.cumulative_periodogram(series)
-    exact = float(stats.kstwo.sf(found.statistic, 21_999))
-    assert found.p == pytest.approx(exact, rel=2e-3)
-    assert found.log_p == pytest.approx(math.log(found.p))

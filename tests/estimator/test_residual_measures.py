@@ -387,45 +387,6 @@ def test_lags_at_which_no_pair_is_left_count_for_nothing() -> None:
     assert found.statistic == pytest.approx(30 * 32.0 * r**2 / 29)
 
 
-@pytest.mark.parametrize("count", [300, 301])
-def test_a_cumulative_periodogram_leaves_the_mean_and_half_the_rate_out(count: int) -> None:
-    series = 9.0 + np.random.default_rng(7).standard_normal(count)
-    series[::2] += 4.0  # a line at half the rate
-    series[5] = np.nan
-    filled = np.where(np.isnan(series), 0.0, series - np.nanmean(series))
-    power = [
-        abs(np.sum(filled * np.exp(-2j * np.pi * k * np.arange(count) / count))) ** 2
-        for k in range(1, (count + 1) // 2)
-    ]
-    share = np.cumsum(power)[:-1] / np.sum(power)
-    expected = stats.kstest(share, "uniform")
-    found = whiteness.cumulative_periodogram(series)
-    assert found.statistic == pytest.approx(expected.statistic)
-    assert found.p == pytest.approx(expected.pvalue)
-
-
-def test_a_chance_that_underflows_has_the_leading_power() -> None:
-    """2 exp(−2 n d²), Smirnov's."""
-    n = 60_000
-    found = whiteness.cumulative_periodogram(np.sin(np.arange(n) * 0.1) + 0.01 * RNG.standard_normal(n))
-    count = (n - 1) // 2 - 1
-    assert found.p == 0.0
-    assert found.log_p == pytest.approx(math.log(2.0) - 2.0 * count * found.statistic**2)
-
-
-def test_a_limiting_distribution_is_corrected_for_the_count() -> None:
-    """√n + 0.12 + 0.11/√n, Stephens 1970: as Kolmogorov's and Smirnov's own where both can be had."""
-    series = np.random.default_rng(8).standard_normal(401)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(whiteness, "LIMITING", 100)
-        limiting = whiteness.cumulative_periodogram(series)
-    exact = whiteness.cumulative_periodogram(series)
-    count = 199
-    root = math.sqrt(count)
-    assert limiting.p == pytest.approx(stats.kstwobign.sf((root + 0.12 + 0.11 / root) * limiting.statistic))
-    assert limiting.p == pytest.approx(exact.p, rel=0.02)
-
-
 def test_a_channel_without_a_single_sample_leaves_the_other_as_it_is() -> None:
     """An observer that diverges at its first sample predicts nothing; nobody is warned by NumPy of that."""
     series = np.random.default_rng(3).standard_normal((4096, 2))
