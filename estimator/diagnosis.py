@@ -116,18 +116,6 @@ class Fit:
 
 
 @dataclass(frozen=True)
-class Residual:
-    """The innovations behind a `Fit`, for figures: innovation (n, axes) V of the whole record, and its spectrum.
-
-    frequency (m,) Hz; density (m, axes) V²/Hz, one-sided.
-    """
-
-    innovation: Array
-    frequency: Array
-    density: Array
-
-
-@dataclass(frozen=True)
 class Classes:
     """How probable each account of a record is, the largest first; their sum is 1.
 
@@ -188,8 +176,8 @@ class Diagnosis:
     after: Fit
     held_out_before: Fit
     held_out_after: Fit
-    residual_before: Residual
-    residual_after: Residual
+    residual_before: Array
+    residual_after: Array
     split: int
     reasons: tuple[str, ...]
     angle_moved: float | None = None

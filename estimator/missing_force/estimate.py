@@ -48,7 +48,7 @@ def missing_force(problem: Problem, split: int) -> MissingForce:
         raise ModelError("a channel shows no displacement")
     if not len(step) or float(np.ptp(step)) > _UNEVEN * float(np.mean(step)):
         raise ModelError("the samples are not evenly spaced")
-    residual = examine(problem, split).residual.innovation[:split]
+    residual = examine(problem, split).residual[:split]
     terms = library(problem, residual) if command() else ()  # they are compiled on first use
     device = replace(problem.device, own=(*problem.device.own, *(term.effect for term in terms)))
     problem = replace(problem, device=device)

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from estimator.diagnosis import Finding, Fit, Residual
+from estimator.diagnosis import Finding, Fit
 from estimator.record import Record
 from estimator.residual.floor import Floor, noise_floor, repeated_noise
 from estimator.residual.significance import deviations, of_many
-from estimator.residual.spectrum import Band, Line, bands, density, lines, periodogram
+from estimator.residual.spectrum import Band, Line, bands, lines, periodogram
 from estimator.residual.whiteness import Whiteness, portmanteau, sensible_lags
 from estimator.scaling import Array
 
@@ -24,7 +24,7 @@ _TINY_FLOOR = np.finfo(float).tiny
 
 def analyse(
     innovation: Array, deviation: Array, record: Record, resonance_hz: float
-) -> tuple[Fit, tuple[Finding, ...], Residual]:
+) -> tuple[Fit, tuple[Finding, ...]]:
     """Noise floor, whiteness and lines of innovation (n, axes) V, predicted with deviation (n, axes) V.
 
     Findings come largest first; white noise gives any of them with a chance of at most `FALSE_ALARM`.
@@ -48,8 +48,7 @@ def analyse(
             share,
         ),
     ]
-    residual = Residual(innovation, *density(innovation, sample_rate))
-    return fit, tuple(sorted(found, key=lambda finding: -finding.size)), residual
+    return fit, tuple(sorted(found, key=lambda finding: -finding.size))
 
 
 def fit_of(innovation: Array, floor: Floor, white: Whiteness) -> Fit:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from estimator.diagnosis import Finding, Fit, Residual
+from estimator.diagnosis import Finding, Fit
 from estimator.errors import DivergedError
 from estimator.observer import Estimates, Observer
 from estimator.record import Record
@@ -23,13 +23,13 @@ STATES, STATES_A_CYCLE = 200_000, 4.0
 @dataclass(frozen=True)
 class Figures:
     """How well a model predicts the part that was fitted and the rest, what the residual of the first still holds, and
-    the residual of all.
+    the residual of all (n, axes), V.
     """
 
     fitted: Fit
     held_out: Fit
     findings: tuple[Finding, ...]
-    residual: Residual
+    residual: Array
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def examine(problem: Problem, split: int) -> Examination:
         if not np.any(np.all(np.isfinite(innovation), axis=1)):
             raise DivergedError
         parts.append(analyse(innovation, deviation, record.part(rows), resonance))
-    (fitted, findings, first), (held_out, _, _) = parts
+    (fitted, findings), (held_out, _) = parts
     fitted, held_out = (
         replace(fit, simulation_rmse=float(np.sqrt(np.nanmean(error**2))) if np.any(np.isfinite(error)) else None)
         for fit, error in ((fitted, alone[:split]), (held_out, alone[split:]))
@@ -73,7 +73,7 @@ def examine(problem: Problem, split: int) -> Examination:
         scored(fitted, record, estimates, begin, every),
         scored(held_out, record, estimates, end, every),
         findings,
-        replace(first, innovation=estimates.innovation),
+        estimates.innovation,
         estimates,
         begin,
         problem,

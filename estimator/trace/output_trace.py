@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.chance import TWO_SIDED
-from estimator.diagnosis import Diagnosis, Fit, Found, Interval, Residual, Separation, Verdict
+from estimator.diagnosis import Diagnosis, Fit, Found, Interval, Separation, Verdict
 from estimator.effects.labels import kind
 from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
@@ -150,11 +150,11 @@ def _apart(of: OutputError, name: str, member: Member) -> Separation:
 
 def _figures(later: OutputError, model: FittedModel) -> Figures:
     """What the readings (n,) are off, in their unit; NaN where what came before the record tells them."""
-    output, nothing = later.output, np.zeros(0)
+    output = later.output
     every = OutputError(output, later.told, np.arange(len(output.reading)))
     left = np.asarray(every.evaluate(model.layout, model.model, derivatives=False).innovation[:, 0])
     fitted, held_out = (_fit(output, left[rows]) for rows in (later.told, later.counted))
-    return Figures(fitted, held_out, (), Residual(left[:, None], nothing, nothing[:, None]))
+    return Figures(fitted, held_out, (), left[:, None])
 
 
 def _fit(output: Output, left: Array) -> Fit:

@@ -16,7 +16,7 @@ from estimator.trace.fit import FittedModel
 from estimator.trace.free_run import FreeRun
 from estimator.trace.named import constants_of, effects_of
 from estimator.trace.pool import Pool
-from estimator.trace.pooled import Pooled, end_to_end, pooled
+from estimator.trace.pooled import Pooled, pooled
 from estimator.trace.pooled_layout import PooledLayout, constant_of
 from estimator.trace.problem import Progress, unseen
 from estimator.trace.result import diagnosis
@@ -57,8 +57,9 @@ def _figures(whole: Pooled, model: FittedModel, seen: Figures) -> Figures:
         for rows in (slice(0, split), slice(split, None))
     )
     noise = np.asarray(whole.problem.device.noise)
-    residual = end_to_end([fitted, held_out])
-    return replace(seen, fitted=_fit(fitted, noise), held_out=_fit(held_out, noise), residual=residual)
+    return replace(
+        seen, fitted=_fit(fitted, noise), held_out=_fit(held_out, noise), residual=np.concatenate([fitted, held_out])
+    )
 
 
 def _fit(left: Array, noise: Array) -> Fit:

@@ -8,7 +8,7 @@ from typing import Self
 
 import numpy as np
 
-from estimator.diagnosis import Fit, Residual
+from estimator.diagnosis import Fit
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
 from estimator.scaling import Array
@@ -203,7 +203,7 @@ class Pooled(Filtered):
             _joined([fit for one in each[:fitted] for fit in (one.fitted, one.held_out)]),
             _joined([fit for one in each[fitted:] for fit in (one.fitted, one.held_out)]),
             (),
-            end_to_end([one.residual.innovation for one in each]),
+            np.concatenate([one.residual for one in each]),
             each[0].estimates,
             each[0].settled,
             each[0].problem,
@@ -292,10 +292,3 @@ def _joined(fits: Sequence[Fit]) -> Fit:
         min(fit.whiteness_p for fit in fits), rms([fit.simulation_rmse for fit in fits]),
         rms([fit.angle_error_rms for fit in fits]), rms([fit.rate_error_rms for fit in fits]), fits[0].floor_from,
     )  # fmt: skip
-
-
-def end_to_end(innovations: Sequence[Array]) -> Residual:
-    """What is left of several records, one after another; of them together no spectrum is shown."""
-    nothing: Array = np.zeros(0)
-    whole = np.concatenate(innovations)
-    return Residual(whole, nothing, np.zeros((0, whole.shape[1])))

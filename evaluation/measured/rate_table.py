@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 
-from estimator.diagnosis import Diagnosis, Residual
+from estimator.diagnosis import Diagnosis
+from estimator.scaling import Array
 from evaluation.measured.oscillator import imported
 from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
 from hil.bench import RateSensorBench, examples, load_any_bench
@@ -54,9 +55,9 @@ def _traced(source: Path, work: Path, sensor: str, map_name: str) -> tuple[Captu
     return capture, trace_rate_sensor(work / f"{map_name}-{source.name.partition('.')[0]}.arrow", bench)
 
 
-def _whole(residual: Residual) -> float:
+def _whole(residual: Array) -> float:
     """Rms of what the record tells."""
-    left = residual.innovation[:, 0]
+    left = residual[:, 0]
     return rms(left[np.isfinite(left)])
 
 
@@ -84,7 +85,7 @@ def _described(title: str, found: Diagnosis) -> str:
 
 
 def _panel(sensor: str, capture: Capture, found: Diagnosis) -> Panel:
-    was, now = (one.innovation[:, 0] for one in (found.residual_before, found.residual_after))
+    was, now = (one[:, 0] for one in (found.residual_before, found.residual_after))
     moving = np.flatnonzero(np.abs(np.diff(was)) > 6.0 * np.median(np.abs(was)))
     start = max(int(moving[0]) - 40, 0) if moving.size else 0
     rows = slice(start, start + 200)

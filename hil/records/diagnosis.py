@@ -323,7 +323,7 @@ def to_model(
         missing_force=missing_force,
         record=record,
         bench=bench,
-        samples=len(found.residual_before.innovation),
+        samples=len(found.residual_before),
         split=found.split,
         thresholds=values(THRESHOLDS),
     )

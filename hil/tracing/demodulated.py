@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator import diagnosis as traced
 from estimator.correlation import autocorrelation
-from estimator.diagnosis import Diagnosis, Finding, Fit, Residual, Verdict
+from estimator.diagnosis import Diagnosis, Finding, Fit, Verdict
 from estimator.residual.whiteness import portmanteau
 from hil.bench import Bench
 from hil.errors import InputError
@@ -52,13 +52,12 @@ def trace_streams(place: Path, captured: Capture, bench: Bench, split: int) -> D
     remembered = max(float(np.max(np.abs(autocorrelation(one)[1:_LAGS]))) for one in (left[late] / spread[late]).T)
     if coloured := remembered > _COLOURED:
         over.append(f"the innovation of the part held out is autocorrelated by {remembered:.2g}")
-    residual = Residual(left, np.zeros(0), np.zeros((0, 2)))
     size = float(np.sqrt(np.mean(left[late] ** 2)))
     finding = Finding("whiteness", "autocorrelated from one block to the next", size, 0.0)
     return traced.Diagnosis(
         verdict=Verdict.UNEXPLAINED if over else Verdict.ADEQUATE, effects=(), separations=(), rejected=(),
         findings=(finding,) if coloured else (), before=fits[0], after=fits[0], held_out_before=fits[1],
-        held_out_after=fits[1], residual_before=residual, residual_after=residual, split=split,
+        held_out_after=fits[1], residual_before=left, residual_after=left, split=split,
         reasons=(*over, NOT_TOLD),
     )  # fmt: skip
 

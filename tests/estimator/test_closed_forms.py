@@ -139,7 +139,7 @@ def test_a_floor_above_the_declared_noise_is_a_finding() -> None:
     n, noise = 20_000, 9e-5
     series = 1.5 * noise * np.random.default_rng(5).standard_normal((n, 2))
     record = Record(series, np.zeros((n, 2, 1)), np.full(n, 1.0 / RATE))
-    _, found, _ = analyse(series, np.full((n, 2), noise), record, HZ)
+    _, found = analyse(series, np.full((n, 2), noise), record, HZ)
     (level,) = (one for one in found if one.kind == "level")
     assert level.text.startswith("the noise floor itself is 1.5")
     assert level.size == pytest.approx(noise * np.sqrt(2.0 * (1.5**2 - 1.0)), rel=0.05)

@@ -12,7 +12,7 @@ import typer
 
 from estimator import diagnosis as traced
 from estimator.record import Record
-from estimator.residual.spectrum import density
+from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
@@ -52,9 +52,8 @@ def answer(*, found: bool = True, verdict: traced.Verdict = traced.Verdict.EXPLA
     """An answer with one effect, or none; the residual before is three times the noise."""
     random = np.random.default_rng(1)
 
-    def residual(size: float) -> traced.Residual:
-        nu = size * NOISE * random.standard_normal((N, 2))
-        return traced.Residual(nu, *density(nu, RATE))
+    def residual(size: float) -> Array:
+        return size * NOISE * random.standard_normal((N, 2))
 
     def fit(size: float) -> traced.Fit:
         return traced.Fit((size * NOISE, size * NOISE), (NOISE, NOISE), size, 0.0 if size > 1 else 0.4, math.nan, 0.3)
@@ -339,17 +338,13 @@ def test_the_page_of_a_part_is_not_green(tmp_path: Path) -> None:
 def test_a_record_of_one_axis_and_few_cycles_has_a_page(tmp_path: Path) -> None:
     found, short = answer(), slice(0, 400)
 
-    def cut(residual: traced.Residual) -> traced.Residual:
-        nu = residual.innovation[short, :1]
-        return traced.Residual(nu, *density(nu, RATE))
-
     def one(fit: traced.Fit) -> traced.Fit:
         return replace(fit, innovation_rms=fit.innovation_rms[:1], noise_floor=fit.noise_floor[:1])
 
     found = replace(
         found, before=one(found.before), after=one(found.after), held_out_before=one(found.held_out_before),
-        held_out_after=one(found.held_out_after), residual_before=cut(found.residual_before),
-        residual_after=cut(found.residual_after), split=240,
+        held_out_after=one(found.held_out_after), residual_before=found.residual_before[short, :1],
+        residual_after=found.residual_after[short, :1], split=240,
     )  # fmt: skip
     record, single = ride().part(short), replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=(1.0,))
     single = replace(single, sense_gain=(-890.0,), noise=(NOISE,))

@@ -48,7 +48,7 @@ def test_a_few_cycles_of_the_part_held_out_before_and_after() -> None:
     rows = slice(first, first + len(time))
     np.testing.assert_allclose(measured, 1e3 * material.record.sense[rows, 0])
     for shown, residual in ((before, material.found.residual_before), (after, material.found.residual_after)):
-        np.testing.assert_allclose(measured - shown, 1e3 * residual.innovation[rows, 0], atol=1e-9)
+        np.testing.assert_allclose(measured - shown, 1e3 * residual[rows, 0], atol=1e-9)
     left = np.asarray(below.get_lines()[0].get_ydata())
     assert np.std(left) == pytest.approx(1e6 * 3.0 * NOISE, rel=0.3)  # in µV
     assert found.title == "Measured and predicted"

@@ -151,7 +151,7 @@ def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
     def analyse(innovation, deviation, record, resonance):
         assert resonance == pytest.approx(np.sqrt(DEVICE.target) / (2.0 * np.pi))  # Hz
         parts.append((innovation[:, 0], record.sense))
-        return SimpleNamespace(simulation_rmse=None), (), SimpleNamespace(frequency=None, density=None)
+        return SimpleNamespace(simulation_rmse=None), ()
 
     held, strides = [], []
     observer = SimpleNamespace(hold_coefficients=lambda: held.append(None))

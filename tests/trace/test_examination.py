@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from estimator.diagnosis import Fit, Residual
+from estimator.diagnosis import Fit
 from estimator.errors import DivergedError
 from estimator.observer import Estimates
 from estimator.record import Record
@@ -48,7 +48,7 @@ class Bench:
     def analyse(self, innovation: Array, deviation: Array, record: Record, hz: float) -> Any:
         """Notes the rows, and the record's own."""
         self.analysed.append((innovation[:, 0], record.sense[:, 0], hz))
-        return Fit((1.0,), (1.0,), 1.0, 0.5), ("finding",), Residual(None, np.zeros(1), np.zeros(1))  # type: ignore
+        return Fit((1.0,), (1.0,), 1.0, 0.5), ("finding",)
 
 
 def examined(monkeypatch: pytest.MonkeyPatch, bench: Bench, hz: float = 130.0, states: int = N - 1) -> Examination:

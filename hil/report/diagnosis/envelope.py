@@ -24,11 +24,11 @@ def write_envelope_report(folder: Path, envelope: Envelope, found: traced.Diagno
 def envelope_figure(envelope: Envelope, found: traced.Diagnosis, unit: str) -> Drawing:
     """Amplitude and models above, what they leave below."""
     figure, (above, below) = stacked(3.6, (1.6, 1.0))
-    drawn = [(found.residual_before.innovation[:, 0], FIRST, "linear damping")]
+    drawn = [(found.residual_before[:, 0], FIRST, "linear damping")]
     if found.effects:
         drawn = [
-            (found.residual_before.innovation[:, 0], SECOND, "linear damping"),
-            (found.residual_after.innovation[:, 0], FIRST, "with what was found"),
+            (found.residual_before[:, 0], SECOND, "linear damping"),
+            (found.residual_after[:, 0], FIRST, "with what was found"),
         ]
     above.plot(envelope.time, envelope.shown, ".", color=MUTED, markersize=2.5, label="record")
     for residual, colour, name in drawn:

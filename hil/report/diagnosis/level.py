@@ -13,7 +13,7 @@ _WINDOWS = 240
 def residual_level_figure(material: Material) -> Drawing | None:
     """rms over short windows, all axes together, on a logarithmic scale; the part held out is shaded."""
     found = material.found
-    samples = len(found.residual_before.innovation)
+    samples = len(found.residual_before)
     size = max(samples // _WINDOWS, 8)
     windows = samples // size
     if windows < 8:
@@ -28,7 +28,7 @@ def residual_level_figure(material: Material) -> Drawing | None:
         drawn = [(found.residual_before, SECOND, "before"), (found.residual_after, FIRST, "after")]
     shown = []
     for residual, colour, name in drawn:
-        scaled = (residual.innovation / floor)[: windows * size].reshape(windows, -1)
+        scaled = (residual / floor)[: windows * size].reshape(windows, -1)
         valid = np.isfinite(scaled)
         count = np.maximum(valid.sum(axis=1), 1)
         level = np.sqrt((np.where(valid, scaled, 0.0) ** 2).sum(axis=1) / count)

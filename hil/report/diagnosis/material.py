@@ -58,6 +58,6 @@ class Material:
     def held_out_densities(self) -> tuple[Array, Array, Array]:
         """Frequency (m,), density (m, axes) V²/Hz before and after, of the part that the choice never saw."""
         rows = slice(self.found.split, None)
-        frequency, before = density(self.found.residual_before.innovation[rows], self.sample_rate_Hz)
-        _, after = density(self.found.residual_after.innovation[rows], self.sample_rate_Hz)
+        frequency, before = density(self.found.residual_before[rows], self.sample_rate_Hz)
+        _, after = density(self.found.residual_after[rows], self.sample_rate_Hz)
         return frequency, before, after

@@ -13,7 +13,7 @@ def held_out_figure(material: Material) -> Drawing | None:
     found, record = material.found, material.record
     simulated = found.free_run
     if simulated is None:
-        before, after = found.residual_before.innovation[found.split :], found.residual_after.innovation[found.split :]
+        before, after = found.residual_before[found.split :], found.residual_after[found.split :]
     else:
         before, after = simulated
     known = np.flatnonzero(np.all(np.isfinite(before), axis=1))

@@ -25,7 +25,7 @@ def write_sensor_report(folder: Path, found: traced.Diagnosis, diagnosis: Diagno
 
 def sensor_residual_figure(found: traced.Diagnosis, rate_rad_s: Array, unit: str = "V") -> Drawing:
     """What the model leaves of the output, in its unit, against the rate."""
-    was, now = (one.innovation[:, 0] for one in (found.residual_before, found.residual_after))
+    was, now = (one[:, 0] for one in (found.residual_before, found.residual_after))
     factor, named = unit_for(float(np.nanmax(np.abs(was))), unit)
     figure = new_figure(2.7)
     ax = figure.subplots()
