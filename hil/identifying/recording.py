@@ -26,6 +26,7 @@ Array = NDArray[np.float64]
 _CYCLE = 20.0  # samples, of the resonance that stands in the file while none is known
 _LARGE = 1e12
 _AFTER = 64  # samples behind the table
+_SILENT_S = 30.0  # in lockstep, where CAN and UDP tell of no hang-up: nobody debugs a board that is measured
 
 
 @dataclass(frozen=True)
@@ -108,7 +109,7 @@ def bench_of(experiment: Experiment, table: Path, rows: int, name: str) -> Bench
         },
         "observer": {"plugin": str(table)},
         "controller": {"plugin": str(table), "force_limit_mps2": experiment.largest * (1.0 + 1e-9)},
-        "limits": {"residual_safe": _LARGE},
+        "limits": {"residual_safe": _LARGE, "standstill_s": _SILENT_S},
     }
     return parse_table(values, Bench, "the experiment")
 

@@ -239,8 +239,8 @@ class ArmedBoard:
             return self._ask_safe(self._silence_s)
         if silent_s >= self._standstill_s:
             raise ProtocolError(
-                f"{self._name}: the board has stood still for {silent_s:.0f} s, "
-                f"[limits] standstill_s is {self._standstill_s:g} s"
+                f"{self._name}: the board has said nothing for {silent_s:.0f} s; check its supply and the cable "
+                f"([limits] standstill_s = {self._standstill_s:g})"
             )
         if now_ns - self._asked_ns >= 1e9 * self._silence_s:
             self._asked_ns = now_ns

@@ -105,9 +105,15 @@ def supervise(
 
 
 def plugins_named(bench: Bench) -> str:
-    """The plug-ins of a bench, in words; "" where it has none."""
+    """The plug-ins of a bench that are code, in words; "" where it has none."""
+    from hil.plugins.finding import TABLE
+
     named = {"observer": bench.observer.plugin, "controller": bench.controller.plugin}
-    return " and ".join(f"[{kind}] plugin {name.rpartition('/')[2]}" for kind, name in named.items() if name)
+    return " and ".join(
+        f"[{kind}] plugin {name.rpartition('/')[2]}"
+        for kind, name in named.items()
+        if name is not None and not name.endswith(TABLE)
+    )
 
 
 def as_raised(kinds: list[str], message: str) -> Exception:

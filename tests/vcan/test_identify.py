@@ -1,6 +1,7 @@
 """`hil identify` of the C board over a CAN interface, the bus watched by can-utils' candump and read from the DBC."""
 
 import json
+import os
 import shutil
 import signal
 import sys
@@ -19,6 +20,7 @@ from hil.identifying import page
 from hil.running import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.testing.board_rules.served import Board
 from hil.wire.messages import SafeReason, State
+from tests.cli.test_processes import children_of
 from tests.firmware.test_identify import SHARE, SHORT
 from tests.firmware.test_run import SLOW
 from tests.vcan.test_run import PATIENCE_S, heard, serving, watching
@@ -99,24 +101,54 @@ def test_it_is_found_within_its_limits_and_left_safe(
     assert (bus.stops, bus.left_armed) == ([SafeReason.HOST_REQUEST] * 2, False)
 
 
-def test_an_interruption_ends_in_safe(c_board: Path, tmp_path: Path) -> None:
+WAYS_OUT: dict[str, tuple[int, str, list[int]]] = {
+    "interrupted": (130, "SAFE was confirmed", [SafeReason.INTERRUPTED]),
+    "command killed": (-signal.SIGKILL, "", [SafeReason.INTERRUPTED]),
+    "loop killed": (2, "the loop's process was killed by SIGKILL; the record so far", [SafeReason.LINK_LOST]),
+    "board killed": (2, "said nothing for 30 s; check its supply", []),
+}
+"""Exit code, words, and why the board is SAFE by its own word."""
+
+
+@pytest.mark.parametrize("ended", WAYS_OUT)
+def test_every_other_way_out_ends_in_safe(c_board: Path, tmp_path: Path, ended: str) -> None:
     log, served = tmp_path / "bus.log", board(c_board)
     words = [sys.executable, "-m", "hil", "identify", served.url, "--arm", "-o", str(tmp_path / "my.bench.toml")]
     pipes: dict[str, Any] = {"stdin": DEVNULL, "stdout": PIPE, "stderr": PIPE, "text": True}
     with serving(served), watching(log), Popen([*words, "--runs", str(tmp_path), *LIMITS], **pipes) as host:
-        end = time.monotonic() + PATIENCE_S
-        while log.read_bytes().count(DRIVEN) < 2000:
-            assert time.monotonic() < end, "no drive"
-            assert host.poll() is None, host.communicate()
-            time.sleep(0.2)
-        host.send_signal(signal.SIGINT)
         try:
-            out, err = host.communicate(timeout=PATIENCE_S)
+            wait_until_driven(log, host)
+            end_it(ended, host, served)
+            out, err = host.communicate(timeout=PATIENCE_S)  # the loop, too, has let go of standard error
         finally:
             host.kill()
+    code, said, stops = WAYS_OUT[ended]
+    assert (host.returncode, out) == (code, ""), err
+    assert said in err
+    assert "Traceback" not in err
+    assert not (tmp_path / "my.bench.toml").exists()
     bus = bus_of(log)
     assert 0 < bus.largest <= LIMIT
-    assert (host.returncode, out) == (130, "")
-    assert "SAFE was confirmed" in err
-    assert (bus.stops, bus.left_armed) == ([SafeReason.INTERRUPTED], False)
-    assert not (tmp_path / "my.bench.toml").exists()
+    assert (bus.stops, bus.left_armed) == (stops, ended == "board killed")
+
+
+def wait_until_driven(log: Path, host: "Popen[str]") -> None:
+    """Until the bus has seen two thousand drives."""
+    end = time.monotonic() + PATIENCE_S
+    while log.read_bytes().count(DRIVEN) < 2000:
+        assert time.monotonic() < end, "no drive"
+        assert host.poll() is None, host.communicate()
+        time.sleep(0.2)
+
+
+def end_it(ended: str, host: "Popen[str]", served: Board) -> None:
+    """The way out of this name."""
+    assert served.process is not None
+    if ended == "interrupted":
+        host.send_signal(signal.SIGINT)
+    elif ended == "command killed":
+        host.kill()
+    elif ended == "loop killed":
+        os.kill(max(children_of(host.pid)), signal.SIGKILL)
+    else:
+        served.process.kill()
