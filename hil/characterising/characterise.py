@@ -16,7 +16,7 @@ from hil.bench.data_sheet import AT_LEAST, FIGURES, SheetFigure
 from hil.characterising.figures import AT_REST, AxisFigures, figures_of
 from hil.characterising.page import write_report
 from hil.characterising.request import CharacteriseRequest
-from hil.characterising.source import Axis, axes_of
+from hil.characterising.source import Axis, axes_of, cuts_of
 from hil.errors import InputError
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_place, write_text
@@ -92,7 +92,8 @@ def _sheet(
     rows = tuple(row for axis in told for row in _rows(request, axis))
     against = any(row.kept is False for row in rows)
     referred = any(axis.referred for axis in told)
-    remarks = [] if referred else [f"no reference for the rotation of the device; bias {AT_REST}"]
+    remarks = [cut for place in request.records for cut in cuts_of(place)]
+    remarks += [] if referred else [f"no reference for the rotation of the device; bias {AT_REST}"]
     return DataSheet(
         device=device,
         serial_number=serial,

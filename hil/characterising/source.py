@@ -13,6 +13,7 @@ from estimator.characteristics.angle_map import pattern_angle
 from hil.bench import Bench, RateSensorBench
 from hil.errors import InputError
 from hil.records.capture import Capture, read_capture
+from hil.records.direct import cut_of
 from hil.records.estimates import Estimates
 from hil.records.rates import rates_rad_s
 from hil.records.runfolder import RunFolder
@@ -77,6 +78,14 @@ def axes_of(place: Path, bench: Bench | RateSensorBench | None, truth: Path | No
         return [_sampled(capture, bench.device.name, partial(_scaled, bench))]
     what = "a run of two axes, an imported rate with the bench file of its sensor (axes = 0), or a recorded sensor"
     raise InputError(f"{place}: no rate and no angle in it; give {what}")
+
+
+def cuts_of(place: Path) -> list[str]:
+    """Which files of a run folder or a capture were interrupted, a sentence each."""
+    folder = RunFolder(place if place.is_dir() else place.parent)
+    is_run = place.is_dir() or place.name == "capture.arrow"
+    files = [folder.capture_path, folder.estimates_path] if is_run else [place]
+    return [f"{file}: {cut}" for file in files if file.exists() and (cut := cut_of(file))]
 
 
 def _truth(folder: RunFolder, file: Path) -> Truth:

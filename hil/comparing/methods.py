@@ -85,7 +85,9 @@ def compare(
     known = None if truth is None else truth_in(truth)
     if known is not None and truth is not None and subject.streams:
         known = known.on(subject.device.sample_rate, truth)
-    remarks = [] if known is None or truth is None else _same(capture, subject.captured, known, truth)
+    remarks = list(subject.captured.told)
+    if known is not None and truth is not None:
+        remarks += _same(capture, subject.captured, known, truth)
     run = RunFolder(capture.parent) if capture.name == "capture.arrow" else None
     recorded = [] if run is None else [course for of in (board_course, loops_course) if (course := of(run))]
     found, lines = methods_on(

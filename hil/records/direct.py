@@ -57,9 +57,9 @@ def on_disk(capture: Path) -> OnDisk:
         return OnDisk(0, 0, complete=False)
 
 
-def cut_of(capture: Path) -> str:
-    """That a capture was interrupted, as `Table.cut` says it; "" of a whole one and where none can be read."""
-    with suppress(InputError), DirectRecord(capture, "capture") as record:
+def cut_of(file: Path) -> str:
+    """That a record was interrupted, as `Table.cut` says it; "" of a whole one and where none can be read."""
+    with suppress(InputError), DirectRecord(file) as record:
         return "" if record.complete else cut_record(record.rows)
     return ""
 

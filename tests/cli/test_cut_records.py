@@ -56,6 +56,20 @@ def test_every_verb_says_that_a_record_was_cut(hil: Hil, recorded: Path) -> None
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_report")
+def test_what_is_made_of_a_cut_record_says_so(hil: Hil, recorded: Path, short_bench: str) -> None:
+    record, bench = recorded / "capture.arrow", Path(short_bench)
+    bench.write_text(bench.read_text(encoding="utf-8").replace("settle_s = 2.0", "settle_s = 0.5"), encoding="utf-8")
+    _, out, _ = hil("characterise", str(recorded), "--json")
+    assert "interrupted" not in out
+    rows = halved(recorded)
+    _, out, _ = hil("characterise", str(recorded), "--json")
+    assert json.loads(out)["remarks"][0] == f"{record}: {words(rows)}"
+    _, out, _ = hil("compare", str(record), "--bench", short_bench, "--json", "--no-report")
+    assert json.loads(out)["remarks"][0] == words(rows)
+
+
+@pytest.mark.slow
 def test_a_trace_says_that_its_record_was_cut(hil: Hil, recorded: Path, short_bench: str) -> None:
     rows = halved(recorded)
     record = str(recorded / "capture.arrow")
