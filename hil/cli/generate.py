@@ -10,7 +10,10 @@ from hil.cli.options import BenchArgument, Json, Link, Replace
 Target = Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")]
 Float32 = Annotated[bool, typer.Option("--float32", help="Numbers of 32 bits instead of 64.")]
 Fmu = Annotated[bool, typer.Option("--fmu", help="Pack it as a co-simulation unit of FMI 3.0, too.")]
-Latency = Annotated[int, typer.Option("--latency", min=0, max=15, help="Number of samples from a sample to its drive.")]
+Latency = Annotated[
+    int | None,
+    typer.Option("--latency", min=0, max=15, help="Number of samples from a sample to its drive.  [default: 1]"),
+]
 SenseScale = Annotated[
     float | None, typer.Option("--sense-scale", help="Volts of a sense code.  [default: 4 amplitudes in 16 bits]")
 ]
@@ -23,7 +26,7 @@ def generate(
     bench: BenchArgument,
     out: Target,
     link: Link = None,
-    latency: Latency = 1,
+    latency: Latency = None,
     sense_scale: SenseScale = None,
     drive_scale: DriveScale = None,
     float32: Float32 = False,

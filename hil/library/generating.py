@@ -25,7 +25,7 @@ def generate(
     *,
     out: Path | str,
     link: str | None = None,
-    latency: int = 1,
+    latency: int | None = None,
     sense_scale: float | None = None,
     drive_scale: float | None = None,
     float32: bool = False,
@@ -33,13 +33,15 @@ def generate(
 ) -> "Generated":
     """Write observer, control law and angle of a bench as C99 into the folder `out`, with golden vectors and a test.
 
-    link: a board whose codes and latency are taken; without one they are latency [samples], sense_scale [V per code]
-    and drive_scale [m/s² per code], by default those of converters of 16 bits.  float32: numbers of 32 bits.  fmu: pack
-    it as a co-simulation unit of FMI 3.0, too, for which a C compiler is needed.  Raises InputError for a bench that is
-    no two-axis gyro's, or has an effect that cannot be written, and for scales beside a link.
+    link: a board whose codes and latency are taken; without one they are latency [samples], by default 1, sense_scale
+    [V per code] and drive_scale [m/s² per code], by default those of converters of 16 bits.  float32: numbers of 32
+    bits.  fmu: pack it as a co-simulation unit of FMI 3.0, too, for which a C compiler is needed.  Raises InputError
+    for a bench that is no two-axis gyro's, or has an effect that cannot be written, and for a latency or scales beside
+    a link.
     """
-    if link is not None and (sense_scale is not None or drive_scale is not None):
-        raise InputError("--link: the board tells its scales; take --sense-scale and --drive-scale out")
+    told = {"--latency": latency, "--sense-scale": sense_scale, "--drive-scale": drive_scale}
+    if link is not None and (given := [option for option, value in told.items() if value is not None]):
+        raise InputError(f"--link: the board tells its latency and scales; take {' and '.join(given)} out")
     from hil.generating.c_code import generate as write
 
     declared, place = (bench, "the bench") if isinstance(bench, Bench) else _loaded(bench)
@@ -52,7 +54,7 @@ def _loaded(name: Path | str) -> tuple[Bench, str]:
     return bench_at(found), found.name
 
 
-def assumed_board(bench: Bench, latency: int, sense_scale: float | None, drive_scale: float | None) -> Identity:
+def assumed_board(bench: Bench, latency: int | None, sense_scale: float | None, drive_scale: float | None) -> Identity:
     """A board with converters of 16 bits, whose sense range is four times the swing."""
     full = 1 << (_BITS - 1)
     volts = 4.0 * max(bench.swing_V)
@@ -61,5 +63,5 @@ def assumed_board(bench: Bench, latency: int, sense_scale: float | None, drive_s
         tick_rate_Hz=bench.device.sample_rate_Hz, axes=bench.device.axes, sense_bits=_BITS, drive_bits=_BITS,
         sense_scale_V=volts / full if sense_scale is None else sense_scale,
         drive_scale_mps2=float(bench.device.drive_full_scale_mps2) / full if drive_scale is None else drive_scale,
-        latency_ticks=latency, capabilities=0,
+        latency_ticks=1 if latency is None else latency, capabilities=0,
     )  # fmt: skip

@@ -119,10 +119,10 @@ def test_a_header_of_another_version_is_told_in_one_line(tmp_path: Path) -> None
     assert "golden.h is of another version than gyro_estimator.h: generate both again" in done.stderr
 
 
-@pytest.mark.parametrize("scale", ["sense_scale", "drive_scale"])
-def test_a_scale_beside_a_board_that_tells_it_is_refused(tmp_path: Path, scale: str) -> None:
-    given: dict[str, Any] = {scale: 1e-6}
-    with pytest.raises(InputError, match="link: the board tells its scales; take sense_scale="):
+@pytest.mark.parametrize(("name", "value"), [("latency", 3), ("sense_scale", 1e-6), ("drive_scale", 1e-6)])
+def test_what_the_board_of_a_link_tells_is_refused(tmp_path: Path, name: str, value: float) -> None:
+    given: dict[str, Any] = {name: value}
+    with pytest.raises(InputError, match=f"link: the board tells its latency and scales; take {name}= out"):
         hil.generate("s-slow", out=tmp_path, link="inproc:s-slow", **given)
     assert not list(tmp_path.iterdir())
 
