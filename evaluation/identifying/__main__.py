@@ -14,7 +14,6 @@ from estimator.identify.model import NAMES
 from evaluation.identifying.boards import draw, written
 from hil.bench import load_bench
 from hil.errors import InputError
-from hil.identifying import page, recording
 from hil.identifying.identify import identify
 from hil.identifying.request import request_of
 from hil.progress import untold
@@ -64,7 +63,8 @@ def of_board(seed: int, folder: Path, *, run: bool) -> dict[str, Any]:
     told: dict[str, Any] = {"seed": seed, "snr_dB": drawn.snr_dB}
     begun = time.process_time()
     try:
-        done = identify(request_of(link, out, {"mass_kg": mass, "name": f"board-{seed}"}), folder, untold)
+        asked = request_of(link, out, {"mass_kg": mass, "name": f"board-{seed}"})
+        done = identify(asked, folder, untold, run=here, report=False)
     except (InputError, WireError) as error:
         return told | {"refused": str(error)}
     found = done.findings
@@ -97,8 +97,6 @@ def main() -> None:
     parser.add_argument("--no-run", action="store_true")
     parser.add_argument("--json", type=Path)
     asked = parser.parse_args()
-    setattr(recording, "run", here)  # noqa: B010 - which no module exports
-    page.write_page = lambda *_: None
     rows = []
     for seed in range(asked.draw, asked.draw + asked.boards):
         with tempfile.TemporaryDirectory() as place:

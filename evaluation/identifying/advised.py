@@ -24,7 +24,6 @@ from estimator.identify.prediction import Holding, Prediction, share_of_limit
 from evaluation.identifying.__main__ import here
 from evaluation.identifying.boards import Drawn, draw, written
 from hil.bench import Bench
-from hil.identifying import page, recording
 from hil.identifying.bench_file import bench_of
 from hil.identifying.findings import Findings
 from hil.identifying.identify import identify
@@ -49,7 +48,7 @@ def found_of(seed: int, drawn: Drawn, folder: Path) -> tuple[Findings, Bench]:
     mass = float(drawn.text.split("mass_kg = ")[1].split()[0])
     request = request_of(f"inproc:{written(drawn, folder, str(seed))}", None, {"mass_kg": mass})
     if not kept.exists():
-        kept.write_bytes(pickle.dumps(identify(request, folder, untold).findings))
+        kept.write_bytes(pickle.dumps(identify(request, folder, untold, run=here, report=False).findings))
     found: Findings = pickle.loads(kept.read_bytes())
     return found, bench_of(found, request)
 
@@ -164,8 +163,6 @@ def main() -> None:
     parser.add_argument("--folder", type=Path, required=True)
     asked = parser.parse_args()
     asked.folder.mkdir(parents=True, exist_ok=True)
-    setattr(recording, "run", here)  # noqa: B010 - which no module exports
-    page.write_page = lambda *_: None
     rows = []
     for seed in range(asked.draw, asked.draw + asked.boards):
         rows.append(of_board(seed, asked.folder))

@@ -23,6 +23,7 @@ from hil.identifying.nonlinear import amplitude_dependence
 from hil.identifying.predicted import advice_of
 from hil.identifying.recording import (
     Experiment,
+    Run,
     Sampled,
     clock_of,
     full_scale_mps2,
@@ -38,6 +39,7 @@ from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import Capture, read_capture
 from hil.records.runfolder import RunFolder
 from hil.running.preflight import require_plausible
+from hil.running.run import run as run_apart
 from hil.wire.link_name import SerialPort, parse_link
 from hil.wire.messages import Identity
 
@@ -63,8 +65,10 @@ class Identified:
         return not self.findings.faults
 
 
-def identify(request: IdentifyRequest, out: Path, progress: Watcher) -> Identified:
-    """Carry it out; records, `identified.json` and `report.html` in a new folder below `out`.
+def identify(
+    request: IdentifyRequest, out: Path, progress: Watcher, *, run: Run = run_apart, report: bool = True
+) -> Identified:
+    """Carry it out; records, `identified.json` and `report.html` in a new folder below `out`.  run: what plays a drive.
 
     Raises InputError where nothing moves, WireError and Interrupted as `hil.run`; SAFE was sent then.
     """
@@ -82,7 +86,7 @@ def identify(request: IdentifyRequest, out: Path, progress: Watcher) -> Identifi
             raise InputError(f"{request.link}: a board of {identity.axes} axis; identify needs two")
         limit, largest = _limits(request, identity)
         clock = clock_of(identity, is_emulated(request.link))
-        experiment = Experiment(request.link, identity, largest, limit, clock, LENGTHS)
+        experiment = Experiment(request.link, identity, largest, limit, clock, LENGTHS, run=run)
         progress(Progress(longest(experiment), 0, 0))
         with _held_open(request.link):
             records, tables = _experiment(experiment, folder, progress)
@@ -101,9 +105,10 @@ def identify(request: IdentifyRequest, out: Path, progress: Watcher) -> Identifi
         write_text(request.out, text_of(found, request.name, request.mass_kg, request.kept_link))
         bench = request.out
     write_text(folder / "identified.json", json.dumps(found.as_json(), indent=1) + "\n")
-    from hil.identifying.page import write_page
+    if report:
+        from hil.identifying.page import write_page
 
-    write_page(folder / "report.html", found, records, request)
+        write_page(folder / "report.html", found, records, request)
     return Identified(found, folder, bench)
 
 

@@ -1,5 +1,6 @@
 """A planned drive played to a board by the loop of `hil run`, and the record of it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,13 +17,16 @@ from hil.progress import Progress, Watcher
 from hil.records.capture import Capture, RowFlag
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
-from hil.running.run import run
+from hil.running.run import RunResult
+from hil.running.run import run as run_apart
 from hil.running.safety import alarm_of
 from hil.toml.strict import parse_table
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import Capabilities, Identity
 
 Array = NDArray[np.float64]
+Run = Callable[..., RunResult]
+"""As `hil.running.run.run`."""
 _CYCLE = 20.0  # samples, of the resonance that stands in the file while none is known
 _LARGE = 1e12
 _AFTER = 64  # samples behind the table
@@ -32,7 +36,7 @@ _SILENT_S = 30.0  # in lockstep, where CAN and UDP tell of no hang-up: nobody de
 @dataclass(frozen=True)
 class Experiment:
     """What may be done to a board: largest drive [m/s²], largest sense voltage (2,) [V], the clock, the link, how many
-    samples each piece has.
+    samples each piece has, what runs it.
     """
 
     link: str
@@ -42,6 +46,7 @@ class Experiment:
     clock: str
     lengths: Lengths
     watchdog_s: float | None = None
+    run: Run = run_apart
 
 
 def full_scale_V(identity: Identity) -> float:
@@ -126,7 +131,7 @@ def played(experiment: Experiment, table: Table, folder: Path, name: str, progre
     def named(one: Progress) -> None:
         progress(one._replace(stage=f"{name}: {one.stage}"))
 
-    done = run(RunRequest(bench, experiment.link, judged=False), folder, progress=named)
+    done = experiment.run(RunRequest(bench, experiment.link, judged=False), folder, progress=named)
     told = done.outcome.get("stopped") or alarm_of(done.outcome.get("safety", {}))
     if told or done.folder is None:
         raise ProtocolError(f"{told or 'nothing was recorded'}; the record so far: {done.folder}")

@@ -1,6 +1,7 @@
 """Emulated boards identified: keys within their intervals, and boards that are not as they say named."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +10,10 @@ import hil
 from estimator.identify.model import NAMES
 from evaluation.identifying.__main__ import here
 from evaluation.identifying.boards import draw, written
-from hil.identifying import recording
-from hil.identifying.identify import Identified
+from hil.identifying.identify import Identified, identify
+from hil.identifying.options import LocalIdentifyOptions
+from hil.identifying.request import request_of
+from hil.progress import untold
 from hil.records.runfolder import RunFolder
 from hil.running.drives import drives
 
@@ -20,13 +23,8 @@ _SEED = 1006  # 2 ticks, 60 dB
 _TICK = "late"
 
 
-@pytest.fixture(autouse=True)
-def _in_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def identified(folder: Path, effect: str = "", **options: Any) -> Identified:
     """The loop in this process: a new interpreter for each part of an experiment costs more than the experiment."""
-    monkeypatch.setattr(recording, "run", here)
-
-
-def identified(folder: Path, effect: str = "", **options: object) -> Identified:
     drawn = draw(_SEED)
     rate = float(drawn.text.split("sample_rate_Hz = ")[1].split()[0])
     scenario = written(drawn, folder, "board")
@@ -34,16 +32,15 @@ def identified(folder: Path, effect: str = "", **options: object) -> Identified:
         scenario.write_text(f"{drawn.text}\n[[effect]]\n{effect.replace(_TICK, repr(1.0 / rate))}\n", encoding="utf-8")
     mass = float(drawn.text.split("mass_kg = ")[1].split()[0])
     place = folder / "my.bench.toml"
-    return hil.identify(f"inproc:{scenario}", bench=place, out=folder, mass_kg=mass, replace=True, **options)  # type: ignore[arg-type]
+    given: LocalIdentifyOptions = {"mass_kg": mass, "replace": True, **options}  # type: ignore[typeddict-item]
+    return identify(request_of(f"inproc:{scenario}", place, given), folder, untold, run=here)
 
 
 @pytest.fixture(scope="module")
 def good(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The bench file of the board as it says that it is."""
     folder = tmp_path_factory.mktemp("good")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(recording, "run", here)
-        done = identified(folder)
+    done = identified(folder)
     drawn, found = draw(_SEED), done.findings
     z = np.array([(found.value(name) - drawn.truth[name]) / found.u(name) for name in NAMES])
     assert np.max(np.abs(z)) < 4.0
