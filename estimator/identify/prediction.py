@@ -181,7 +181,7 @@ def rate_needed_Hz(omega: float, found: Prediction) -> dict[str, float]:
     """
     needed = {"four samples of a cycle": _LEAST_SAMPLES * omega / (2.0 * math.pi)}
     if found.delay_margin_s:
-        needed["a drive that acts one tick late"] = 1.0 / found.delay_margin_s
+        needed["a tick within the delay margin"] = 1.0 / found.delay_margin_s
     if math.isfinite(found.angle_bandwidth_Hz):
         needed["twice the bandwidth of the angle"] = 2.0 * found.angle_bandwidth_Hz
     return needed

@@ -22,6 +22,19 @@ Accept = Annotated[
 ]
 
 
+_TOLD = {
+    "resonance_1": "resonance 1",
+    "resonance_2": "resonance 2",
+    "q_1": "Q 1",
+    "q_2": "Q 2",
+    "azimuth": "axis of resonance 1",
+    "gain_x": "gain x, sense × drive",
+    "gain_y": "gain y, sense × drive",
+    "delay": "delay beside latency",
+}
+"""Constants in the terminal, with their names there."""
+
+
 @with_options(LocalIdentifyOptions)
 def identify(
     link: BoardLink = None,
@@ -79,13 +92,15 @@ def identify(
             {**found.as_json(), "bench": None if done.bench is None else str(done.bench), "folder": str(done.folder)}
         )
     else:
-        for name in ("resonance_1", "resonance_2", "q_1", "q_2", "azimuth", "gain_x", "gain_y", "delay"):
+        print("Measured (± 95 %):")
+        for name, title in _TOLD.items():
             one = found.constants[name]
             unit = "" if one.unit == "1" else f" {one.unit}"
-            print(f"{name.replace('_', ' '):<14} {plus_minus(one.value, 2.0 * one.u)}{unit}")
-        print(f"{'latency':<14} {counted(found.latency_ticks, 'tick')}; IDENTITY says {found.identity.latency_ticks}")
-        for line in () if found.advice is None else found.advice.sentences:
-            print(line)
+            print(f"  {title:<22} {plus_minus(one.value, 2.0 * one.u)}{unit}")
+        latency = f"{counted(found.latency_ticks, 'tick')}; IDENTITY says {found.identity.latency_ticks}"
+        print(f"  {'latency':<22} {latency}")
+        if found.advice is not None:
+            print("Predicted for the proposed settings:", *found.advice.sentences, sep="\n  ")
     for line in () if found.advice is None else found.advice.missed:
         say(line)
     for line in (*found.remarks, *found.faults):

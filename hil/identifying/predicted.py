@@ -53,14 +53,14 @@ class Advice(NamedTuple):
         walk = told.angle_random_walk_rad_per_rts
         ratio = self.rate_Hz / self.loop_rate_Hz
         why = max(self.needed_Hz, key=lambda name: self.needed_Hz[name])
-        enough = f"enough, {ratio:.3g} ×" if ratio >= 1.0 else f"too slow by {1.0 / ratio:.3g} ×"
+        enough = f"{ratio:.3g} × that" if ratio >= 1.0 else f"too slow by {1.0 / ratio:.3g} ×"
         return (
-            f"The reported angle has a noise of {quantity(told.angle_noise_rad, 'rad')} rms at a constant rate.",
-            f"Beside that it wanders by {quantity(walk, 'rad/√s')} ({significant(walk * _RAD_PER_RTS, 3)} °/√h).",
-            f"−3 dB: angle {_hertz(told.angle_bandwidth_Hz)}, rate {_hertz(told.rate_bandwidth_Hz)}.",
+            f"Noise of the angle at a constant rate: {quantity(told.angle_noise_rad, 'rad')} rms.",
+            f"Angle random walk: {quantity(walk, 'rad/√s')} ({significant(walk * _RAD_PER_RTS, 3)} °/√h).",
+            f"Bandwidth, −3 dB: angle {_hertz(told.angle_bandwidth_Hz)}, rate {_hertz(told.rate_bandwidth_Hz)}.",
             _margin(told, self.omega, self.rate_Hz),
-            f"The loop needs {quantity(self.loop_rate_Hz, 'Hz')} ({why}); the board has "
-            f"{quantity(self.rate_Hz, 'Hz')}: {enough}.",
+            f"Loop rate: at least {quantity(self.loop_rate_Hz, 'Hz')} ({why}); the board has "
+            f"{quantity(self.rate_Hz, 'Hz')}, {enough}.",
         )
 
 
@@ -144,10 +144,10 @@ def _hertz(value: float) -> str:
 def _margin(told: Prediction, omega: float, rate_Hz: float) -> str:
     late = told.delay_margin_s
     if late is None:
-        return "The margin is not predicted in gain mode; the board closes the loop there."
+        return "Delay margin: not predicted in gain mode; the board closes the loop there."
     degrees, ticks = significant(math.degrees(late * omega), 3), significant(late * rate_Hz, 3)
     most = "at least " if told.margin_open else ""
     return (
-        f"The drive may act {most}{quantity(late, 's')} ({ticks} ticks, {degrees}° at the resonance) later than it "
-        "says before amplitude or quadrature leave [limits]."
+        f"Delay margin: the drive may act {most}{quantity(late, 's')} ({ticks} ticks, {degrees}° at the resonance) "
+        "later than IDENTITY says; beyond that amplitude or quadrature leaves [limits]."
     )

@@ -79,7 +79,7 @@ def test_the_margin_is_where_the_limits_are_passed() -> None:
     samples = found.delay_margin_s * _RATE
     assert uneven.beyond(0.9 * samples, holding) < 1.0 < uneven.beyond(1.1 * samples, holding)
     needed = rate_needed_Hz(_OMEGA, found)
-    assert needed["a drive that acts one tick late"] == pytest.approx(1.0 / found.delay_margin_s)
+    assert needed["a tick within the delay margin"] == pytest.approx(1.0 / found.delay_margin_s)
 
 
 def test_a_first_order_step_has_its_corner() -> None:
