@@ -16,9 +16,9 @@ class Record:
 
     sense (n, axes) V; drive (n, axes, degree + 1) polynomials over the interval that ends at each sample
     (`estimator.hold`); step (n,) s, that interval's length; channels: further measured series (n,), by name:
-    `temperature` [°C], `rate` [rad/s], a reference for the rate that is scored and never given to the observer; gaps:
-    where the drive is a prediction, None where it is known throughout; filtered: whether sense and drive passed a
-    filter, behind which noise is not white.
+    `temperature` [°C], `rate` [rad/s], a reference for the rate that is scored and never given to the observer, `gyro`
+    [rad/s], the same of a gyro with a bias, a scale and a delay of its own; gaps: where the drive is a prediction, None
+    where it is known throughout; filtered: whether sense and drive passed a filter, behind which noise is not white.
     """
 
     sense: Array
@@ -36,6 +36,11 @@ class Record:
         channels = {name: series[rows] for name, series in self.channels.items()}
         gaps = None if self.gaps is None else self.gaps.part(slice(*rows.indices(len(self))))
         return Record(self.sense[rows], self.drive[rows], self.step[rows], channels, gaps, self.filtered)
+
+    @property
+    def reference(self) -> Array | None:
+        """What the rate is scored against (n,), None without any."""
+        return self.channels.get("rate", self.channels.get("gyro"))
 
     @property
     def stretches(self) -> tuple[slice, ...]:

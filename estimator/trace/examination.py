@@ -81,8 +81,11 @@ def examine(problem: Problem, split: int) -> Examination:
 
 
 def scored(fit: Fit, record: Record, estimates: Estimates, rows: slice, every: int) -> Fit:
-    """`fit` with the errors of rate and angle where the record has a reference for the rate."""
-    reference = record.channels.get("rate")
+    """`fit` with the errors of rate and angle where the record has a reference for the rate.
+
+    Of a gyro only what its own bias, scale and delay do not account for is an error.
+    """
+    reference = record.reference
     if reference is None or "rate" not in estimates.names:
         return fit
     states = slice(rows.start // every, rows.stop // every)
@@ -90,8 +93,18 @@ def scored(fit: Fit, record: Record, estimates: Estimates, rows: slice, every: i
     rate_error = estimates.of("rate")[states] - reference[index]
     turned: Array = np.cumsum(reference * record.step)
     angle_error = estimates.angle[rows] - turned[rows]
+    if "rate" not in record.channels:
+        rate_error = _left(rate_error, reference[index])
+        angle_error = _left(angle_error, record.time[rows], turned[rows], reference[rows])
     return replace(
         fit,
         rate_error_rms=float(np.sqrt(np.nanmean(rate_error**2))),
         angle_error_rms=float(np.nanstd(angle_error)),
     )
+
+
+def _left(error: Array, *columns: Array) -> Array:
+    """What a constant and these columns (n,) do not account for (n,)."""
+    matrix = np.column_stack([np.ones(len(error)), *columns])
+    there = np.isfinite(error)
+    return np.asarray(error - matrix @ np.linalg.lstsq(matrix[there], error[there], rcond=None)[0])

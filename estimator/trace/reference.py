@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.chance import TWO_SIDED
+from estimator.scaling import Array
 from estimator.trace.examination import Examination
 from estimator.trace.problem import Problem
 
@@ -27,12 +28,12 @@ class Departure:
 def departures(problem: Problem, before: Examination, after: Examination, split: int) -> Iterator[Departure]:
     """Errors of rate and angle on the part held out, from `split` on; none without a reference.
 
-    An angle may be off by what its deviation and the noise of the reference, which its steps tell, let it be; or half
+    An angle may be off by what its deviation and the noise of the reference, which its changes tell, let it be; or half
     of the power beyond that has to go.  An estimate of the rate lags by any model: it only must not become worse.  With
     e the error before and δ what the model moves the estimate by, |e + δ|² − |e|² has, of n independent samples, a
     standard deviation of 2 |e| |δ| / √n.
     """
-    reference = problem.record.channels.get("rate")
+    reference = problem.record.reference
     was, now = before.held_out, after.held_out
     if reference is None or was.rate_error_rms is None or now.rate_error_rms is None:
         return
@@ -43,13 +44,19 @@ def departures(problem: Problem, before: Examination, after: Examination, split:
     yield Departure("rate", "rad/s", was.rate_error_rms, now.rate_error_rms, allowed)
     if was.angle_error_rms is None or now.angle_error_rms is None:
         return
-    noise = float(np.nanstd(np.diff(later))) / np.sqrt(2.0)
-    random_walk = noise * float(np.mean(steps)) * np.sqrt(len(later))
+    random_walk = _random_walk(later, float(np.sum(steps)))
     expected = float(np.sqrt(np.nanmean(after.estimates.angle_deviation[split:] ** 2) + random_walk**2))
     halved = np.sqrt(max(was.angle_error_rms**2 - expected**2, 0.0) / 2.0 + expected**2)
     yield Departure(
         "angle", "rad", was.angle_error_rms, now.angle_error_rms, max(EXPECTED * expected, float(halved))
     )  # fmt: skip
+
+
+def _random_walk(reference: Array, seconds: float) -> float:
+    """What the noise of a reference (n,) makes of its integral; one that is slower than the record stays in between."""
+    steps = np.diff(reference)
+    steps = steps[steps != 0.0]
+    return float(np.nanstd(steps)) / np.sqrt(2.0) * seconds / np.sqrt(len(steps)) if len(steps) else 0.0
 
 
 def _moved(before: Examination, after: Examination, split: int) -> float:

@@ -33,6 +33,7 @@ from hil.replaying.replay import fitting, require_fit
 from hil.running.run import new_folder
 from hil.tracing.demodulated import trace_streams
 from hil.tracing.envelope import trace_ring_down
+from hil.tracing.gyro_beside import with_gyro
 from hil.tracing.request import TraceRequest
 from hil.tracing.split import Part, moving, parts_of, sample_of
 from hil.tracing.time_left import TimeLeft
@@ -82,7 +83,8 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
     if captured.carrier_Hz is not None:
         return _trace_streams(request, bench, out, captured, sample_of(captured, held_out), said)
     device, settings = recorded_device_of(bench, captured), observer_settings_of(bench)
-    part = Part(captured, record_of(captured, drives_of(captured, device)), sample_of(captured, held_out))
+    record, gyro = with_gyro(record_of(captured, drives_of(captured, device)), captured, capture)
+    part = Part(captured, record, sample_of(captured, held_out), gyro)
     if fraction is None and "train" not in captured.segments:
         part = moving(part, device)
     captured, record, split = part.captured, part.record, part.split

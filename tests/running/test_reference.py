@@ -139,6 +139,9 @@ def test_a_gyro_that_turns_with_the_board(tmp_path: Path, monkeypatch: pytest.Mo
     assert run.result.complete
     sheet = hil.characterise(run.path, out=tmp_path / "sheet", report=False).sheet
     assert sheet.reference == "reference gyro"
+    traced = hil.trace(run.path, out=tmp_path / "traced", report=False).diagnosis
+    assert any("less its own bias, scale and delay" in said for said in traced.prepared)
+    assert traced.held_out.before.angle_error_rms_rad is not None
 
 
 @pytest.mark.realtime

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from estimator.diagnosis import Fit
-from estimator.trace.reference import departures
+from estimator.trace.reference import _random_walk, departures
 from tests.trace.plain import RATE, problem, records
 
 N, SPLIT = 1000, 400
@@ -58,3 +58,12 @@ def test_without_a_reference_or_an_error_nothing_is_said() -> None:
     assert asked(examined(0.1, 0.1), examined(0.1, 9.0), reference=False) == {}
     assert asked(examined(None, None), examined(0.1, 0.1)) == {}
     assert set(asked(examined(0.1, None), examined(0.1, None))) == {"rate"}
+
+
+def test_a_reference_that_is_slower_than_the_record_walks_as_far() -> None:
+    """The same noise at a tenth of the samples, held in between: its integral is √10 times as far off."""
+    noise = NOISE * np.random.default_rng(2).standard_normal(N)
+    assert _random_walk(noise, N / RATE) == pytest.approx(NOISE / RATE * np.sqrt(N), rel=0.05)
+    held = np.repeat(noise[: N // 10], 10)
+    assert _random_walk(held, N / RATE) == pytest.approx(NOISE / RATE * np.sqrt(10.0 * N), rel=0.2)
+    assert _random_walk(np.full(N, 0.1), N / RATE) == 0.0
