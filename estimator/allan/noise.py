@@ -32,8 +32,8 @@ FLOOR = float(np.sqrt(TERMS["flicker"][1]))
 TOLD_CLUSTERS = 10.0
 """Nothing is read off with fewer: a deviation from ten is sure to a quarter."""
 
-LEAST_POINTS = 5
-"""Fewer cannot bear out a sum of terms."""
+LEAST_POINTS, LEAST_SAMPLES = 5, 18
+"""Fewer cannot bear out a sum of terms; the shortest record that has so many cluster lengths."""
 
 _MODEL = 0.01  # share of the deviation by which the sum of terms may miss it
 _SURE = 0.9999  # and the interval it may miss it by

@@ -107,10 +107,15 @@ def _quantile(freedom: float) -> float:
     return float(t.ppf(0.975, freedom))
 
 
+def least_values(columns: int) -> int:
+    """How many values a fit of so many columns needs."""
+    return 2 * columns + 2
+
+
 def fitted(columns: Mapping[str, Floats], values: Floats) -> Fitted | None:
     """`values` (n,) as a sum of `columns` (n,), those in front first: one that is not told apart from them is left out.
 
-    None where there are fewer than two values for each.
+    None where there are fewer than `least_values`.
     """
     kept: dict[str, Floats] = {}
     basis = np.zeros((values.size, 0))
@@ -122,7 +127,7 @@ def fitted(columns: Mapping[str, Floats], values: Floats) -> Fitted | None:
         if size > 0.0 and size**2 < _INFLATED * length**2:
             kept[name] = column
             basis = np.column_stack([basis, rest / length])
-    if values.size < 2 * len(kept) + 2 or not kept:
+    if values.size < least_values(len(kept)) or not kept:
         return None
     matrix = np.column_stack(list(kept.values()))
     scale = np.linalg.norm(matrix, axis=0)

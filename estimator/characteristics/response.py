@@ -6,7 +6,9 @@ import numpy as np
 from estimator.characteristics.regression import Estimate, Floats
 
 _COHERENT = 0.6
-_SEGMENTS = 16
+_SEGMENTS, _SEGMENT = 16, 16
+LEAST = _SEGMENT * (_SEGMENTS + 1) // 2
+"""Samples of which there is a response, at least."""
 _DOWN = 10.0 ** (-3.0 / 20.0)
 
 
@@ -18,9 +20,9 @@ def response(rate: Floats, reference: Floats, sample_rate_Hz: float) -> dict[str
     """
     from scipy.signal import coherence, csd, welch
 
-    size = 2 ** int(np.log2(max(2 * rate.size // (_SEGMENTS + 1), 1)))
-    if size < 16:
+    if rate.size < LEAST:
         return {}
+    size = 2 ** int(np.log2(2 * rate.size // (_SEGMENTS + 1)))
     given = {"fs": sample_rate_Hz, "nperseg": size, "detrend": "linear"}
     f, across = csd(reference, rate, **given)
     _, power = welch(reference, **given)

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.characteristics.regression import Estimate, Fitted, Floats, fitted, wider
+from estimator.characteristics.regression import Estimate, Fitted, Floats, fitted, least_values, wider
 from estimator.characteristics.stretches import HARMONICS, Stretches
 
 _LEVELS = 21
 _DISTINCT = 400  # rates of a record that is made of steps
 _LEAST_K = 2.0
-_LEAST_TURNS = 0.9
+LEAST_TURNS = 0.9
 """Share of half a turn that the pattern has to pass for its harmonics to be told."""
 _HARMONIC = {
     f"{figure}_{k}theta": (f"{kind}_cos{k}", f"{kind}_sin{k}")
@@ -89,6 +89,33 @@ class Line:
 
 def line(record: Stretches, harmonics: tuple[int, ...] = HARMONICS) -> Line | None:
     """The fit; None of a record too short for it. Without a reference the rate is taken as 0: a device at rest."""
+    reference, columns = _columns(record)
+    angles = _angles(record, harmonics)
+    fit = fitted(columns | angles, record.rate - reference)
+    if fit is None and angles:  # too short for so many
+        angles = {}
+        fit = fitted(columns, record.rate - reference)
+    if fit is None:
+        return None
+    told = tuple(name for name in angles if name in fit.names)
+    return Line(fit, record.moves, _levels(record, columns | angles, fit), told)
+
+
+def fewest(record: Stretches) -> int:
+    """How many stretches a fit without the pattern's harmonics needs."""
+    return least_values(len(_columns(record)[1]))
+
+
+def passed(record: Stretches) -> float:
+    """Share of half a turn that the pattern passed, in sixteenths."""
+    if record.pattern is None or not len(record):
+        return 0.0
+    twice = np.arctan2(record.pattern[:, 3], record.pattern[:, 2])  # 2θ, as the pattern after half a turn is the same
+    return np.unique(np.floor(8 * (twice / np.pi + 1.0)).astype(int) % 16).size / 16
+
+
+def _columns(record: Stretches) -> tuple[Floats, dict[str, Floats]]:
+    """The rate that is expected (n,), and what is fitted to the rest by name, but for the harmonics."""
     reference = np.zeros(len(record)) if record.reference is None else record.reference
     columns: dict[str, Floats] = {"bias": np.ones(len(record))}
     if record.moves:
@@ -102,24 +129,12 @@ def line(record: Stretches, harmonics: tuple[int, ...] = HARMONICS) -> Line | No
         columns["bias_temperature"] = warmer
         if record.moves:
             columns["scale_temperature"] = reference * warmer
-    angles = _angles(record, harmonics)
-    fit = fitted(columns | angles, record.rate - reference)
-    if fit is None and angles:  # too short for so many
-        angles = {}
-        fit = fitted(columns, record.rate - reference)
-    if fit is None:
-        return None
-    told = tuple(name for name in angles if name in fit.names)
-    return Line(fit, record.moves, _levels(record, columns | angles, fit), told)
+    return reference, columns
 
 
 def _angles(record: Stretches, harmonics: tuple[int, ...]) -> dict[str, Floats]:
     """Columns of the pattern's harmonics, where the pattern passed all angles."""
-    if record.pattern is None or len(record) < 2:
-        return {}
-    twice = np.arctan2(record.pattern[:, 3], record.pattern[:, 2])  # 2θ, as the pattern after half a turn is the same
-    seen = np.unique(np.floor(8 * (twice / np.pi + 1.0)).astype(int) % 16).size
-    if seen < _LEAST_TURNS * 16:
+    if record.pattern is None or len(record) < 2 or passed(record) < LEAST_TURNS:
         return {}
     found = {}
     for kind, first in (("bias", 0), ("scale", 2 * len(HARMONICS))):

@@ -14,6 +14,7 @@ from estimator.side_by_side import one_blas_thread, side_by_side
 from hil.bench.angle_map import Calibrated, Harmonics, write_angle_map
 from hil.bench.data_sheet import AT_LEAST, FIGURES, SheetFigure
 from hil.characterising.figures import AT_REST, AxisFigures, figures_of
+from hil.characterising.missing import lasting
 from hil.characterising.page import write_report
 from hil.characterising.request import CharacteriseRequest
 from hil.characterising.source import Axis, axes_of, cuts_of
@@ -140,7 +141,10 @@ def _row(figure: SheetFigure, told: AxisFigures, limit: float | None) -> SheetRo
     if limit is not None:
         size = estimate.size
         kept = size.value >= limit if figure.name in AT_LEAST else size.value <= limit
-        if size.low < limit < size.high:
+        if not kept and estimate.low == 0.0 and figure.name == "bias_instability":
+            needed = lasting(told.seconds * (estimate.value / limit) ** 2)
+            said = f"upper limit (95 %); one below the limit needs about {needed}"
+        elif size.low < limit < size.high:
             said = "; ".join(filter(None, (said, "the limit lies within the interval")))
     return row.model_copy(
         update={

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from estimator.allan.deviation import AllanSums
-from estimator.allan.noise import Noise, read_noise
+from estimator.allan.noise import LEAST_SAMPLES, Noise, read_noise
 from estimator.characteristics.regression import Estimate
 from estimator.characteristics.response import response
 from estimator.characteristics.scale_factor import Line, line
@@ -15,6 +15,7 @@ from estimator.characteristics.small_rates import small_rates
 from estimator.characteristics.start_up import start_up
 from estimator.characteristics.stretches import HARMONICS, Gathered, Stretches, joined, pattern_columns
 from estimator.side_by_side import stop_if_abandoned
+from hil.characterising.missing import lasting, why_missing
 from hil.characterising.source import Axis, Block
 
 Floats = npt.NDArray[np.float64]
@@ -29,14 +30,16 @@ _FIGURE_OF = {
 }
 AT_REST = "as of a device at rest; the Earth's rate is in it"
 AT_ONE_RATE = "at the record's one rate; the scale factor error times that rate is in it"
-_CONFOUNDED = "the record does not separate it from the figures above"
 
 
 @dataclass
 class AxisFigures:
-    """What the records of one axis tell: figures by name, why others are missing, and what is drawn."""
+    """What the records of one axis tell: figures by name, why others are missing, and what is drawn; seconds: of the
+    longest record.
+    """
 
     axis: str
+    seconds: float = 0.0
     found: dict[str, Estimate] = field(default_factory=dict)
     missing: dict[str, str] = field(default_factory=dict)
     line: Line | None = None
@@ -47,16 +50,16 @@ class AxisFigures:
 
 def figures_of(records: Sequence[Axis]) -> AxisFigures:
     """Of the records of one axis; noise, response and start-up of the longest of them."""
-    told = AxisFigures(records[0].name)
     longest = max(range(len(records)), key=lambda number: records[number].span)
+    told = AxisFigures(records[0].name, records[longest].span / records[longest].rate_Hz)
     at_rest = AllanSums(_settled_span(records[longest]))  # of a record without a reference one pass is enough
     parts = [_stretches(record, at_rest if number == longest else None) for number, record in enumerate(records)]
     told.stretches = whole = joined(parts)
     told.referred = whole.reference is not None
     told.line = line(whole)
+    why = why_missing(told.line, whole, records[longest], _stretch(records[longest]) / records[longest].rate_Hz)
     if told.line is None:
-        told.missing["bias"] = "the record is too short"
-        _say_what_is_missing(told, whole)
+        told.missing = why
         return told
     told.found = told.line.figures()
     if not told.referred:
@@ -76,7 +79,7 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
         if started is not None:
             told.found["start_up"] = started
     _turn_on(told, parts)
-    _say_what_is_missing(told, whole)
+    told.missing = {name: reason for name, reason in (why | told.missing).items() if name not in told.found}
     return told
 
 
@@ -165,7 +168,9 @@ def _read(told: AxisFigures, record: Axis, sums: AllanSums) -> None:
     """What the Allan deviation tells."""
     told.noise = noise = read_noise(sums.deviation(record.rate_Hz))
     if noise.fit is None:
-        why = "the Allan deviation is not that of noise alone, or the record is too short"
+        why = "the Allan deviation is not that of noise alone"
+        if record.span < LEAST_SAMPLES:
+            why = f"needs {lasting(LEAST_SAMPLES / record.rate_Hz)}"
         told.missing |= dict.fromkeys((*_FIGURE_OF.values(), "bias_instability"), why)
         return
     for term, figure in _FIGURE_OF.items():
@@ -173,13 +178,16 @@ def _read(told: AxisFigures, record: Axis, sums: AllanSums) -> None:
             read = noise.readings[term]
             told.found[figure] = Estimate(read.value, read.low, read.high)
         else:
-            told.missing[figure] = "no stretch of the Allan deviation shows it"
+            told.missing[figure] = (
+                f"no stretch of the Allan deviation shows it, up to τ = {lasting(noise.told_s or 0.0)}"
+            )
     if noise.bias_instability is not None:
         read = noise.bias_instability
         told.found["bias_instability"] = Estimate(read.value, read.low, read.high)
     elif noise.bias_bound_rad_s is not None:
         bound = noise.bias_bound_rad_s
-        told.found["bias_instability"] = Estimate(bound, 0.0, bound, "the record is too short; upper limit (95 %)")
+        said = f"upper limit (95 %); half of it needs about {lasting(4.0 * told.seconds)}"
+        told.found["bias_instability"] = Estimate(bound, 0.0, bound, said)
 
 
 def _response(record: Axis) -> dict[str, Estimate]:
@@ -220,38 +228,7 @@ def _turn_on(told: AxisFigures, parts: list[Stretches]) -> None:
         return
     biases = [found.fit.of("bias") for part in parts if (found := line(part)) is not None]
     if len(biases) < 2:
-        told.missing["bias_turn_on"] = "the records are too short"
         return
     spread, free = float(np.std(biases, ddof=1)), len(biases) - 1
     low, high = (spread * float(np.sqrt(free / chi2.ppf(tail, free))) for tail in (0.975, 0.025))
     told.found["bias_turn_on"] = Estimate(spread, low, high, f"standard deviation over {len(biases)} records")
-
-
-def _say_what_is_missing(told: AxisFigures, whole: Stretches) -> None:
-    """Why a figure is not there."""
-    why: dict[str, str] = {}
-    unmoved = "needs a reference that moves" if told.referred else "needs a reference: how the device turned"
-    moved = ("scale_factor_error", "scale_factor_nonlinearity", "scale_factor_asymmetry", "bandwidth", "delay")
-    why |= dict.fromkeys((*moved, "threshold", "dead_zone", "scale_factor_temperature"), unmoved)
-    if whole.moves:
-        why |= {
-            "scale_factor_nonlinearity": "needs three rates, each applied in three stretches",
-            "scale_factor_asymmetry": "needs rates of both signs, and of several sizes",
-            "bandwidth": "the output does not fall by 3 dB where it follows the reference",
-            "delay": "no frequency at which the output follows the reference",
-            "threshold": "no rate below 5 % of the largest lasted long enough to exceed the noise",
-            "dead_zone": "no rate below 5 % of the largest lasted long enough to exceed the noise",
-        }
-    cold = "needs a temperature" if whole.temperature is None else "needs a temperature that changes by 2 K"
-    why["bias_temperature"] = cold
-    if whole.moves:
-        why["scale_factor_temperature"] = cold
-    if whole.pattern is not None:
-        every = "the pattern did not pass all angles"
-        why |= {f"{kind}_{k}theta": every for kind in ("bias", "scale_factor") for k in HARMONICS}
-        if not whole.moves:
-            why |= {f"scale_factor_{k}theta": unmoved for k in HARMONICS}
-    why["start_up"] = "the record is too short"
-    if told.line is not None:
-        why |= dict.fromkeys(told.line.confounded, _CONFOUNDED)
-    told.missing = {name: reason for name, reason in (why | told.missing).items() if name not in told.found}

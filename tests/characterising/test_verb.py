@@ -150,3 +150,29 @@ def test_every_figure_has_its_unit_and_its_clause():
     for figure in FIGURES:
         assert figure.clause.startswith("IEEE Std")
         assert figure.shown(1.0) == pytest.approx(figure.field.per_model_unit)
+
+
+def test_a_record_that_is_too_short_says_how_long_one_has_to_be(tmp_path):
+    """Records of the length that is named tell the figure."""
+
+    def told(*lengths):
+        folder = tmp_path / "-".join(map(str, lengths))
+        folder.mkdir()
+        records = [still(folder / str(k), k, n=n) for k, n in enumerate(lengths)]
+        return hil.characterise(records, out=tmp_path / "runs", report=False)
+
+    assert told(30)["bias"].said == "needs 0.4 s"
+    assert told(40)["bias"].value is not None
+    assert told(30, 30)["bias_turn_on"].said == "needs two records of 0.4 s"
+    assert told(40, 40)["bias_turn_on"].value is not None
+    assert told(190)["start_up"].said == "needs 2 s"
+    assert told(200)["start_up"].value is not None
+
+
+def test_an_upper_limit_says_how_long_half_of_it_takes(tmp_path):
+    bound, half = (
+        hil.characterise(still(tmp_path / str(n), 1, n=n), out=tmp_path / "runs", report=False)["bias_instability"]
+        for n in (6_000, 24_000)
+    )
+    assert bound.said == "upper limit (95 %); half of it needs about 4 min"
+    assert half.value == pytest.approx(0.5 * bound.value, rel=0.3)
