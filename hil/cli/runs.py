@@ -8,11 +8,16 @@ import typer
 from hil.cli.options import RUNS, Json, Replace
 
 if TYPE_CHECKING:
+    from hil.records.diagnosis import Diagnosis
     from hil.records.listing import Listed
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Where runs were recorded.")]
 Junit = Annotated[
     Path | None, typer.Option("--junit", help="Write the verdicts as JUnit XML too, for continuous integration.")
+]
+Add = Annotated[
+    Path | None,
+    typer.Option("--add", help="Bench file to write: that of the trace with what it found, without tracing again."),
 ]
 Place = Annotated[
     Path,
@@ -53,7 +58,7 @@ def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: 
         _print(found, folder)
 
 
-def show(run: Place, json: Json = False) -> None:
+def show(run: Place, add: Add = None, replace: Replace = False, json: Json = False) -> None:
     """Show the result of a run or a trace again; the exit code is that of the run or trace.
 
     Examples:
@@ -61,6 +66,7 @@ def show(run: Place, json: Json = False) -> None:
     \b
       hil show last
       hil show last-trace
+      hil show last-trace --add better.bench.toml
       hil show 20250314-09
       hil show runs/20250314-092653-s-slow --json
     """
@@ -71,13 +77,17 @@ def show(run: Place, json: Json = False) -> None:
         from hil.cli.show_diagnosis import finish as finish_trace
         from hil.records.diagnosis import load_diagnosis
 
-        finish_trace(folder, load_diagnosis(folder / "diagnosis.json"), as_json=json)
+        diagnosis = load_diagnosis(folder / "diagnosis.json")
+        written = None if add is None else _added(folder, diagnosis, add, replace=replace)
+        finish_trace(folder, diagnosis, as_json=json, added=written)
     from hil.cli.show import finish, finish_attitude
     from hil.errors import InputError
     from hil.records.kind import kind_of
     from hil.records.listing import listed_kind
     from hil.records.runfolder import RunFolder
 
+    if add is not None:
+        raise InputError(f"--add: {folder} is no trace; give the folder of one, or last-trace")
     if (folder / "attitude.json").exists():
         finish_attitude(folder, as_json=json)
     kind = listed_kind(folder)
@@ -86,6 +96,26 @@ def show(run: Place, json: Json = False) -> None:
     if not RunFolder.open(folder).result_path.exists():
         raise InputError(f"{folder}: no result.json; `hil replay {folder}` computes its figures")
     finish(folder, as_json=json)
+
+
+def _added(folder: Path, diagnosis: "Diagnosis", target: Path, *, replace: bool) -> Path | None:
+    """The bench file that was written, the trace's own with what it found; None where there was nothing to add."""
+    from hil.cli.show import say
+    from hil.errors import InputError
+    from hil.records.kind import fresh
+    from hil.tracing.addition import add_found
+    from hil.verdict.next_step import declarable
+
+    fresh(target, replace=replace)
+    source = folder / "bench.toml"
+    if not declarable(diagnosis, source):
+        raise InputError(
+            f"--add: {folder} is of several records, of a rate sensor or of an envelope, for which no bench file is "
+            "written; copy what was found into [effects]"
+        )
+    names, told = add_found(diagnosis, source, target)
+    say(told)
+    return target if names else None
 
 
 def _write_junit(found: list["Listed"], folder: Path, target: Path) -> None:

@@ -11,7 +11,6 @@ from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
     from hil.bench import Bench
-    from hil.records.diagnosis import Diagnosis
     from hil.tracing.request import TraceRequest
     from hil.tracing.separate import Asked
     from hil.tracing.traced import Traced
@@ -93,9 +92,16 @@ def trace(
         done = trace_records(request, out, progress=watch)
     if board is not None and observed is not None:
         done = _separated(done, observed, board, out, options)
-    written = add is not None and _added(done.diagnosis, path, add)
+    written = None
+    if add is not None:
+        from hil.cli.show import say
+        from hil.tracing.addition import add_found
+
+        names, told = add_found(done.diagnosis, path, add)
+        say(told)
+        written = add if names else None
     taken = record if board is None and not more else None
-    finish(done.folder, done.diagnosis, as_json=json, added=add if written else None, record=taken)
+    finish(done.folder, done.diagnosis, as_json=json, added=written, record=taken)
 
 
 def _observed(request: "TraceRequest", *, add: bool, live: bool) -> "Bench | None":
@@ -119,30 +125,6 @@ def _observed(request: "TraceRequest", *, add: bool, live: bool) -> "Bench | Non
     if len(request.captures) > 1 and add:
         raise InputError("--add: of several records no bench file is written; copy what was found into [effects]")
     return bench
-
-
-def _added(diagnosis: "Diagnosis", source: Path, target: Path) -> bool:
-    """Write the bench file with what was found: the effects, or else the form of the missing force; whether any
-    was."""
-    from hil.cli.show import say
-    from hil.tracing.addition import add_effects, add_form, additions
-
-    found = additions(diagnosis)
-    if found:
-        add_effects(source, target, found)
-        say(f"{target}: written; it declares {', '.join(one.name for one in found)}")
-        return True
-    missing = diagnosis.missing_force
-    written, unwritten = ([], []) if missing is None else add_form(source, target, missing, diagnosis.record)
-    memory = f"; {', '.join(unwritten)} has a memory, which [effects.custom] cannot express" if unwritten else ""
-    if written:
-        named = ", ".join(f"[effects.{'custom.' * name.startswith('form_')}{name}]" for name in written)
-        say(f"{target}: written; no effect explains the missing force, so the file declares its form: {named}{memory}")
-    else:
-        zero = missing is not None and missing.form and not unwritten
-        doubtful = ": no term of the form is significant" if zero else ""
-        say(f"{target}: not written; there is nothing to add{doubtful}{memory}")
-    return bool(written)
 
 
 def _board(link: str | None, path: Path, declared: "Bench", *, armed: bool) -> str:

@@ -49,7 +49,7 @@ def bench(request: Request, name: BenchName) -> str:
 def add(request: Request, name: BenchName, adding: Adding) -> dict[str, Any]:
     """Write a new bench file beside the runs: this one, with what a trace found declared (`hil trace --add`)."""
     from hil.records.diagnosis import load_diagnosis
-    from hil.tracing.addition import add_effects, add_form, additions
+    from hil.tracing.addition import add_found
 
     service, source = service_of(request), _found(request, name)
     folder = catalogue_of(request).path_of(adding.trace)
@@ -57,12 +57,7 @@ def add(request: Request, name: BenchName, adding: Adding) -> dict[str, Any]:
         raise Problem(400, f"{adding.trace}: a run, not a trace", "trace it first")
     target = _target(service.folder, name, adding.name)
     diagnosis = load_diagnosis(folder / "diagnosis.json")
-    if wanted := additions(diagnosis):
-        add_effects(source, target, wanted)
-        written = [one.name for one in wanted]
-    else:
-        missing = diagnosis.missing_force
-        written = [] if missing is None else add_form(source, target, missing, diagnosis.record)[0]
+    written = add_found(diagnosis, source, target).names
     if not written:
         raise Problem(400, f"{diagnosis.verdict}: there is nothing to add", "only what is explained is declared")
     made = target.name.removesuffix(".bench.toml")

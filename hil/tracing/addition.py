@@ -5,7 +5,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from estimator.errors import ModelError
 from hil.bench import Bench
@@ -44,6 +44,33 @@ def additions(diagnosis: Diagnosis) -> list[Addition]:
         )
         for effect in diagnosis.effects
     ]
+
+
+class Added(NamedTuple):
+    """The names that a bench file declares now, none where it was not written, and a sentence for the user."""
+
+    names: list[str]
+    told: str
+
+
+def add_found(diagnosis: Diagnosis, source: Path, target: Path) -> Added:
+    """Write the bench file `source` to `target` with what was found: the effects, or else the form of the missing
+    force.  Raises InputError as `add_effects` and `add_form`.
+    """
+    if found := additions(diagnosis):
+        add_effects(source, target, found)
+        names = [one.name for one in found]
+        return Added(names, f"{target}: written; it declares {', '.join(names)}")
+    missing = diagnosis.missing_force
+    names, unwritten = ([], []) if missing is None else add_form(source, target, missing, diagnosis.record)
+    memory = f"; {', '.join(unwritten)} has a memory, which [effects.custom] cannot express" if unwritten else ""
+    if names:
+        named = ", ".join(f"[effects.{'custom.' * name.startswith('form_')}{name}]" for name in names)
+        words = f"written; no effect explains the missing force, so the file declares its form: {named}"
+    else:
+        zero = missing is not None and missing.form and not unwritten
+        words = f"not written; there is nothing to add{': no term of the form is significant' if zero else ''}"
+    return Added(names, f"{target}: {words}{memory}")
 
 
 def add_effects(source: Path, target: Path, additions: Iterable[Addition]) -> None:

@@ -68,23 +68,31 @@ def after_trace(
         if place.is_dir():
             return _run_as(RunFolder(place), added)
         return f"hil replay {_quoted(place)} --bench {_quoted(added)}"
-    if _SEVERAL.match(diagnosis.record) or _has_no_loop(device):  # no bench file is written of what was found
+    if not declarable(diagnosis, bench):
         return _traced(Path(_ANOTHER), bench)
     again = _traced(place, bench)
     if diagnosis.verdict == "adequate":
         return _used(place, bench, device)
+    declare = f"hil show {_quoted(folder)} --add {_ADDED}"
     if diagnosis.verdict == "explained":
-        return f"{again} --add {_ADDED}"
+        return declare
     if place.is_dir() and any(pair.experiment is not None for pair in diagnosis.separations):
         return f"{again} --live"
     missing = diagnosis.missing_force
     if missing is None:
         return f"{again} --missing-force"
     if any(term.declarable for term in missing.form):
-        return f"{again} --add {_ADDED}"
+        return declare
     if missing.refused is None:
         return f"hil export {_quoted(folder)} --what force"
     return _traced(Path(_ANOTHER), bench)
+
+
+def declarable(diagnosis: Diagnosis, bench: Path) -> bool:
+    """Whether a bench file can declare what a trace found by `bench`: not of several records, a rate sensor or an
+    envelope.
+    """
+    return not (_SEVERAL.match(diagnosis.record) or _has_no_loop(read_table(bench).get("device", {})))
 
 
 def after_comparison(folder: Path, methods: Methods, *, record: Path | None = None) -> str:

@@ -1,14 +1,19 @@
 """A bench file with an effect added: the rest of it stays, comments and all."""
 
+import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from hil.bench import load_bench
 from hil.bench.examples import find
 from hil.boards.emulation import located
+from hil.cli import execute
 from hil.errors import InputError
+from hil.records.diagnosis import Coefficient, Diagnosis, Effect
 from hil.tracing.addition import Addition, add_effects, write_custom
+from tests.cli.diagnoses import explained, save_trace
 
 CUBIC = Addition("cubic_stiffness", "found in ride", {"k3x": (9.97e12, "± 2e10 1/(m²·s²)"), "k3y": (3e12, "")})
 LINE = Addition("interference:2", "", {"lcx": (1e-9, "m"), "omega": (311.0, "rad/s")})
@@ -107,3 +112,47 @@ def test_a_form_that_is_none_is_not_written(
     assert "\n" not in str(error.value)
     with pytest.raises(InputError, match="cannot be added"):
         write_custom("effects = {sense_gain = {gy = 0.0}}\n", "quintic", LAWS, QUINTIC)
+
+
+def traced(folder: Path, diagnosis: Diagnosis, bench: str = "s-slow") -> Path:
+    """The folder of a trace, as `hil trace` leaves it."""
+    save_trace(folder, diagnosis)
+    shutil.copy(find("bench", bench), folder / "bench.toml")
+    return folder
+
+
+def hardened() -> Diagnosis:
+    k3x = Coefficient(value=2.0e13, ci95=(1.9e13, 2.1e13), unit="1/(m²·s²)")
+    k3y = Coefficient(value=1.0e13, ci95=(0.9e13, 1.1e13), unit="1/(m²·s²)")
+    effect = {"name": "cubic_stiffness", "title": "Cubic stiffness", "coefficients": {"k3x": k3x, "k3y": k3y}}
+    return explained(
+        effects=(Effect.model_validate({**effect, "equations": (), "evidence": 90.0, "compensation": "cancel"}),)
+    )
+
+
+def test_a_trace_shown_again_writes_what_it_found(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    folder, target = traced(tmp_path / "trace", hardened()), tmp_path / "better.bench.toml"
+    assert execute(["show", str(folder), "--add", str(target)]) == 0
+    out, err = capfd.readouterr()
+    assert f"{target}: written; it declares cubic_stiffness" in err
+    assert out.splitlines()[-1].split(maxsplit=1)[1] == f"hil replay r.arrow --bench {target}"
+    assert load_bench(target).effects.named["cubic_stiffness"]["k3x"] == pytest.approx(2.0e13)
+    assert execute(["show", str(folder), "--add", str(target)]) == 2  # it is there
+    assert execute(["show", str(folder), "--add", str(target), "--replace"]) == 0
+
+
+@pytest.mark.parametrize(
+    ("said", "bench"), [({"record": "2 records: a, b"}, "s-slow"), ({}, "rate-table-crs03")], ids=["pool", "rate"]
+)
+def test_what_no_bench_file_can_declare_is_refused(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], said: dict[str, Any], bench: str
+) -> None:
+    folder = traced(tmp_path / "trace", hardened().model_copy(update=said), bench)
+    assert execute(["show", str(folder), "--add", str(tmp_path / "new.bench.toml")]) == 2
+    assert "copy what was found into [effects]" in capfd.readouterr().err
+    assert not (tmp_path / "new.bench.toml").exists()
+
+
+def test_a_run_has_found_nothing_to_add(whole_run: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert execute(["show", str(whole_run), "--add", str(tmp_path / "new.bench.toml")]) == 2
+    assert "is no trace" in capfd.readouterr().err

@@ -59,11 +59,11 @@ ALIKE = Separation.model_validate(
 @pytest.mark.parametrize(
     ("diagnosis", "command"),
     [
-        (found("explained"), f"{AGAIN} --add better.bench.toml"),
+        (found("explained"), "hil show runs/trace --add better.bench.toml"),
         (found("adequate"), "hil export runs/ride --what angle"),
         (found("partly explained", separations=(ALIKE,)), f"{AGAIN} --live"),
         (found("unexplained"), f"{AGAIN} --missing-force"),
-        (found("unexplained", missing_force=missing((1.0, 3.0))), f"{AGAIN} --add better.bench.toml"),
+        (found("unexplained", missing_force=missing((1.0, 3.0))), "hil show runs/trace --add better.bench.toml"),
         (found("unexplained", missing_force=missing((-1.0, 3.0))), "hil export runs/trace --what force"),
         (found("unexplained", missing_force=missing()), "hil export runs/trace --what force"),
         (
@@ -81,13 +81,13 @@ def test_after_the_trace_of_a_run(folder: Path, diagnosis: Diagnosis, command: s
 def test_an_imported_record_is_named_by_its_file(folder: Path) -> None:
     there = Path("records/my ride.arrow")
     again = f"hil trace 'records/my ride.arrow' --bench {folder}/bench.toml"
-    assert after_trace(folder, found("explained"), record=there) == f"{again} --add better.bench.toml"
+    assert after_trace(folder, found("explained"), record=there) == "hil show runs/trace --add better.bench.toml"
     told = after_trace(folder, found("adequate"), record=there)
     assert told == f"hil replay 'records/my ride.arrow' --bench {folder}/bench.toml"
     alike = found("partly explained", separations=(ALIKE,))  # of which there is no board to make the experiment on
     assert after_trace(folder, alike, record=there) == f"{again} --missing-force"
-    kept = found("explained", record="elsewhere")  # shown again, nobody knows where it was
-    assert after_trace(folder, kept) == f"hil trace elsewhere.arrow --bench {folder}/bench.toml --add better.bench.toml"
+    kept = found("unexplained", record="elsewhere")  # shown again, nobody knows where it was
+    assert after_trace(folder, kept) == f"hil trace elsewhere.arrow --bench {folder}/bench.toml --missing-force"
 
 
 @pytest.mark.parametrize(
@@ -127,7 +127,7 @@ def test_arrays_from_memory_are_in_no_file_that_lasts(folder: Path) -> None:
     """What `hil.trace` and `hil.compare` write of them to work on is gone when they are done."""
     passing = folder.parent / f"{PASSING}x1y2" / "arrays.arrow"
     told = after_trace(folder, found("explained", record="arrays"), record=passing)
-    assert told == "hil trace ARRAYS.arrow --bench runs/trace/bench.toml --add better.bench.toml"
+    assert told == "hil show runs/trace --add better.bench.toml"
     methods = Methods(record="arrays", bench="b", seconds=3.0, window_s=(1.0, 3.0), rows=())
     assert after_comparison(folder, methods, record=passing) == "hil trace ARRAYS.arrow --bench runs/trace/bench.toml"
 

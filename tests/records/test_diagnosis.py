@@ -282,7 +282,7 @@ def test_the_page_says_what_comes_next_above_everything_else(tmp_path: Path) -> 
     (tmp_path / "ride").mkdir()
     (folder / "bench.toml").write_text("[device]\n", encoding="utf-8")
     page = write_page(folder, said, Pictures(), ("Record", "4 s", ""), "4 s").read_text(encoding="utf-8")
-    command = f"hil trace {tmp_path}/ride --bench {folder}/bench.toml --add better.bench.toml"
+    command = f"hil show {folder} --add better.bench.toml"
     assert page.index(f'<p class="next">Next: <code>{command}</code>') < page.index('<dl class="key">')
     (folder / "bench.toml").unlink()
     assert "Next:" not in write_page(folder, said, Pictures(), ("Record", "4 s", ""), "4 s").read_text(encoding="utf-8")
