@@ -20,7 +20,7 @@ class CarriedAngle:
     """
 
     def __init__(self, memory: NDArray[np.void], states: int, rate: int, turns: float) -> None:
-        self._states, self._rate, self._turns = states, rate, turns
+        self._rate, self._turns = rate, turns
         at = memory[0]
         self._angle = float(at["theta_zero"] - at["theta"] + at["forced"] - at["rate_integral"])
         self._begin(memory, float(at["angle_variance"]), at["angle_cross"].copy())
@@ -45,8 +45,8 @@ class CarriedAngle:
             self._begin(memory, 0.0, np.zeros_like(self._cross))
         added = self._add(memory, covariance)
         rows["angle_variance"] = self._turns**2 * float(memory["angle_variance"][0])
-        gradient = memory["gradient"][0]
-        of_pattern = float(gradient @ covariance[: self._states, : self._states] @ gradient)
+        gradient = memory["gradient"][0, : len(covariance)]
+        of_pattern = float(gradient @ covariance @ gradient)
         return 0.0 < of_pattern <= added
 
     def _add(self, memory: NDArray[np.void], covariance: Array) -> float:

@@ -543,8 +543,8 @@ class Observer:
     @property
     def pattern_variance(self) -> float:
         """Variance [rad²] of the pattern angle, as it is estimated now."""
-        gradient = self._memory["gradient"][0]
-        return float(gradient @ self._actual[: self.states, : self.states] @ gradient)
+        gradient = self._memory["gradient"][0, : len(self._actual)]
+        return float(gradient @ self._actual @ gradient)
 
     def hold_coefficients(self) -> None:
         """Keep those of all effects that are carried."""

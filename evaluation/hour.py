@@ -2,11 +2,12 @@
 
 S-modern at 5 kHz at rest, its pattern turned by the virtual rotation; 1/f noise of sense, drive and bias.  `hil run`,
 then `hil characterise`; angle random walk and bias instability beside what was injected, the Allan deviation beside
-allantools, which reads the same rates.  An hour leaves 20 GB in F.  `--kept` reads a run that is there.
+allantools, which reads the same rates.  To the walk by the board's force noise adds that by its sense noise
+(docs/explanation.md).  An hour leaves 20 GB in F.  `--kept` reads a run that is there.
 
-The angle has a noise of its own, by the sense noise: 0.05 mrad, which is no walk.  It hides a walk over less than
-3 Q²/N² seconds, and 1/f noise hides it over more than N²/(B² 2 ln 2/π).  So the board's force noise is that of a
-temperature at which the walk shows in between; linear in that, as short runs without sense noise show, it is the walk.
+Beside that the angle has a noise of its own, by the sense noise: 0.05 mrad, which is no walk.  It hides a walk over
+less than 3 Q²/N² seconds, and 1/f noise hides it over more than N²/(B² 2 ln 2/π).  So the board's force noise is that
+of a temperature at which the walk shows in between.
 """
 
 import argparse
@@ -22,6 +23,7 @@ import allantools
 import numpy as np
 
 from device_emulator.scenario import Scenario, load
+from hil.bench import Bench, load_bench
 from hil.bench.examples import find
 from hil.records.runfolder import RunFolder
 
@@ -59,17 +61,24 @@ def written(folder: Path, seconds: float) -> Path:
     return path
 
 
-def injected(board: Scenario) -> dict[str, float]:
-    """Angle random walk [rad/√s], √(4 kB T d)/m over 2 ω A; bias instability [rad/s], h √π (IEEE Std 952)."""
-    mass, (kxx, kyy, _), (dxx, dyy, _) = (
+def injected(board: Scenario, bench: Bench) -> dict[str, float]:
+    """Angle random walk [rad/√s], by force noise √(4 kB T d)/m over 2 ω A, by sense noise σ/A √(2/fs) times the root of
+    Ωv² + (Δω/2)²; bias instability [rad/s], h √π (IEEE Std 952).
+    """
+    mass, (kxx, kyy, kxy), (dxx, dyy, _) = (
         board.truth.mass_kg,
         board.truth.stiffness_N_per_m,
         board.truth.damping_N_s_per_m,
     )
     force = math.sqrt(4.0 * BOLTZMANN * board.truth.temperature_K * 0.5 * (dxx + dyy)) / mass
     omega = math.sqrt(0.5 * (kxx + kyy) / mass)
+    amplitude, rate_Hz = board.truth.position_m[0], board.board.sample_rate_Hz
+    gain = bench.device.sense.gain_V_per_m[0]
+    seen = abs(board.sense.noise_V / (gain * amplitude)) * math.sqrt(2.0 / rate_Hz)
+    half_split = math.hypot(kxx - kyy, 2.0 * kxy) / (4.0 * mass * omega)
+    by_sense = seen * math.hypot(bench.controller.virtual_rotation_rad_s, half_split)
     return {
-        "angle_random_walk": force / (2.0 * omega * board.truth.position_m[0]),
+        "angle_random_walk": math.hypot(force / (2.0 * omega * amplitude), by_sense),
         "bias_instability": board.truth.bias_flicker_rad_s_at_1Hz * math.sqrt(math.pi),
     }
 
@@ -112,7 +121,7 @@ def main() -> None:
     (place,) = (given.folder / "runs").iterdir()
     asked = [sys.executable, "-m", "hil", "characterise", str(place), "--out", str(given.folder / "sheets"), "--json"]
     told = subprocess.run(asked, capture_output=True, text=True, check=False)
-    expected = injected(load(given.folder / "hour.scenario.toml"))
+    expected = injected(load(given.folder / "hour.scenario.toml"), load_bench(bench))
     angle_rad = 0.0
     for row in json.loads(told.stdout)["rows"]:
         name = row["figure"]

@@ -1,8 +1,8 @@
 /* What is not known of the reported angle: its variance, and its covariance with the state, from sample to sample.
 
    The angle is phi = -(theta - theta0) less what forces turned the pattern by, and both are estimates.  In a prediction
-   it moves by rate h, in a correction by what that turns theta by, -g K nu with g the gradient of theta by the states:
-   so its error e obeys
+   it moves by rate h, in a correction by what that turns theta by, -g K nu with g the gradient of theta by the states
+   and by the rate, with which theta is read: so its error e obeys
 
        e <- e + (error of the rate) h,   s <- F s + w
        e <- e + g K (H s - n),           s <- s - K (H s - n)
@@ -14,21 +14,20 @@
 #define GYRO_ANGLE_ERROR_H
 
 #include "layout.h"
+#include "pattern.h"
 
-/* memory->gradient <- that of the angle of formula (11) by (x, vx, y, vy) at s; 0 for a mass at rest, which has no
-   angle, and in open loop, where no correction of the state turns the integrated rate. */
+/* memory->gradient <- that of the pattern angle at s, as it was read last; the rate is in it through the velocities.  0
+   for a mass at rest, which has no angle, and in open loop, where no correction of the state turns the integrated rate. */
 static void note_gradient(const Settings *settings, Memory *memory, const real *s)
 {
-    real k = settings->stiffness;
-    real x = s[0], vx = s[1], y = s[2], vy = s[3];
-    real sine = R(2.0) * (k * x * y + vx * vy);
-    real cosine = k * (x * x - y * y) + vx * vx - vy * vy;
-    real square = sine * sine + cosine * cosine;
-    real share = square > R(0.0) && settings->open_loop == 0 ? R(1.0) / square : R(0.0);
-    memory->gradient[0] = share * k * (cosine * y - sine * x);
-    memory->gradient[1] = share * (cosine * vy - sine * vx);
-    memory->gradient[2] = share * k * (cosine * x + sine * y);
-    memory->gradient[3] = share * (cosine * vx + sine * vy);
+    if (settings->open_loop == 1)
+        return;
+    real by[5];
+    pattern_gradient(s, settings->stiffness, memory->rotation, memory->rate, by);
+    for (whole i = 0; i < 4; i++)
+        memory->gradient[i] = by[i];
+    if (settings->rate_row >= 0)
+        memory->gradient[settings->rate_row] = by[4];
 }
 
 /* Whether this is the reference instant. */
@@ -75,10 +74,10 @@ static void correct_angle(Memory *memory, const real *seen, whole n, whole width
     real turns[MAX_AXES], seens[MAX_AXES];
     for (whole a = 0; a < channels; a++) { /* one after the other, with what they share in the second */
         real turn = R(0.0), shared = R(0.0);
-        for (whole i = 0; i < 4; i++)
-            turn -= memory->gradient[i] * gain[2 * i + a];
-        for (whole j = 0; j < n; j++)
+        for (whole j = 0; j < n; j++) {
+            turn -= memory->gradient[j] * gain[2 * j + a];
             shared += jacobian[a * n + j] * cross[j];
+        }
         turns[a] = turn;
         seens[a] = shared;
     }
@@ -103,7 +102,7 @@ static void recall_angle(Memory *memory, const real *c, whole n, whole width, wh
 {
     real *cross = memory->angle_cross;
     real turn = R(0.0);
-    for (whole i = 0; i < 4; i++)
+    for (whole i = 0; i < n; i++)
         turn -= memory->gradient[i] * gain[i];
     real seen = cross[row];
     real pushed = (c[row * width + row] + noise) * turn;
@@ -119,10 +118,10 @@ static void turn_angle(Memory *memory, const real *h, const real *y, whole n, re
 {
     real *cross = memory->angle_cross;
     real turn = R(0.0), seen = R(0.0);
-    for (whole i = 0; i < 4; i++)
-        turn -= memory->gradient[i] * y[i];
-    for (whole j = 0; j < n; j++)
+    for (whole j = 0; j < n; j++) {
+        turn -= memory->gradient[j] * y[j];
         seen += h[j] * cross[j];
+    }
     seen *= share;
     memory->angle_variance += (turn - R(2.0) * seen) * turn;
     for (whole i = 0; i < n; i++)

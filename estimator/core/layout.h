@@ -163,7 +163,7 @@ typedef struct {
     double rate_integral;
     double virtual_integral;
     real virtual_applied;
-    real gradient[4];              /* of the pattern angle by the states */
+    real gradient[MAX_ENTRIES];    /* of the pattern angle by states and active constants: the rate alone */
     whole referred;                /* 1: the reference instant is past */
     real angle_variance;           /* of the pattern's rotation since then */
     real angle_cross[MAX_ENTRIES]; /* its covariance with states and active constants */

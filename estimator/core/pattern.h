@@ -30,6 +30,28 @@ static inline Pattern pattern(const real *s, real k, real w, real rate)
     return out;
 }
 
+/* out (5,) <- derivatives of the pattern angle by x, vx, y, vy and by the rate, of which the rotation w is a part.
+
+   Zero where there is no pattern. */
+static inline void pattern_gradient(const real *s, real k, real w, real rate, real *out)
+{
+    real x = s[0], y = s[2];
+    real vx = s[1] - w * y, vy = s[3] + w * x;
+    real ke = k + w * w - rate * rate;
+    real sine = R(2.0) * (ke * x * y + vx * vy);
+    real cosine = ke * (x * x - y * y) + vx * vx - vy * vy;
+    real size = sine * sine + cosine * cosine;
+    real share = size > R(0.0) ? R(1.0) / size : R(0.0);
+    real by_vx = share * (cosine * vy - sine * vx);
+    real by_vy = share * (cosine * vx + sine * vy);
+    real by_ke = share * (cosine * x * y - R(0.5) * sine * (x * x - y * y));
+    out[0] = share * ke * (cosine * y - sine * x) + by_vy * w;
+    out[1] = by_vx;
+    out[2] = share * ke * (cosine * x + sine * y) - by_vx * w;
+    out[3] = by_vy;
+    out[4] = by_vy * x - by_vx * y + R(2.0) * (w - rate) * by_ke;
+}
+
 /* Pattern angle in [-pi/2, pi/2) and phase in [-pi, pi) of the motion along the pattern's long axis, a cos(phase). */
 static inline void phase_and_angle(const real *s, real k, real *theta, real *phase)
 {

@@ -269,31 +269,6 @@ static inline void multiply_rows(const real *g, whole states, const Following *f
         follow->delta[k] = product[k];
 }
 
-/* out (5,) <- derivatives of the pattern angle by x, vx, y, vy and by the rate, of which the rotation w is a part.
-
-   Of `pattern` (pattern.h); zero where there is no pattern. */
-static inline void pattern_gradient(const real *s, real k, real w, real rate, real *out)
-{
-    real x = s[0], y = s[2];
-    real vx = s[1] - w * y, vy = s[3] + w * x;
-    real ke = k + w * w - rate * rate;
-    real sine = R(2.0) * (ke * x * y + vx * vy);
-    real cosine = ke * (x * x - y * y) + vx * vx - vy * vy;
-    real size = sine * sine + cosine * cosine;
-    if (!(size > R(0.0))) {
-        clear(out, 5);
-        return;
-    }
-    real by_vx = (cosine * vy - sine * vx) / size;
-    real by_vy = (cosine * vx + sine * vy) / size;
-    real by_ke = (cosine * x * y - R(0.5) * sine * (x * x - y * y)) / size;
-    out[0] = ke * (cosine * y - sine * x) / size + by_vy * w;
-    out[1] = by_vx;
-    out[2] = ke * (cosine * x + sine * y) / size - by_vx * w;
-    out[3] = by_vy;
-    out[4] = by_vy * x - by_vx * y + R(2.0) * (w - rate) * by_ke;
-}
-
 /* turned += sign times what the pattern angle moves by along delta, at the states s and the rotation w. */
 static inline void add_turn(const Settings *settings, const real *s, real w, real rate, real sign,
                             const Following *follow)

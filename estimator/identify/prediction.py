@@ -99,14 +99,15 @@ class Loop:
         spans = np.linspace(self._settled, len(sense), _PARTS + 1).astype(int)
         observer.run(sense[: spans[0]], drive[: spans[0]], every=spans[0])
         observer.refer_angle()
-        own = [observer.pattern_variance]
+        turns = 1.0 / self._device.angular_gain
+        own, grown = [turns**2 * observer.pattern_variance], [0.0]
         for begin, end in pairwise(spans.tolist()):
             last = observer.run(sense[begin:end], drive[begin:end], every=end - begin)
-            own.append(observer.pattern_variance)
-        grown = float(last.angle_deviation[-1]) ** 2 - own[0] - own[-1]
-        seconds = (spans[-1] - spans[0]) / self._device.sample_rate
-        turns = 1.0 / self._device.angular_gain
-        return turns * math.sqrt(np.mean(own)), turns * math.sqrt(max(grown, 0.0) / seconds)
+            own.append(turns**2 * observer.pattern_variance)
+            grown.append(float(last.angle_deviation[-1]) ** 2 - own[-1])
+        late = slice(_PARTS // 2, None)
+        slope = float(np.polyfit(spans[late] / self._device.sample_rate, grown[late], 1)[0])
+        return math.sqrt(np.mean(own)), math.sqrt(max(slope, 0.0))
 
     def _bandwidths(self, still: Estimates, stepped: Estimates) -> tuple[float, float]:
         """−3 dB of angle and rate, by their responses to a step of the rate."""

@@ -50,7 +50,7 @@ class NumpyObserver(Observer):
         self._theta, self._theta_plain = PatternAngle(), PatternAngle()
         self._turned = np.zeros(3)  # ∫Ω̂ dt, ∫Ωv dt and the rotation of the pattern by forces, so far
         self._angle_cross, self._angle_variance = np.zeros(len(self.estimated_index)), 0.0
-        self._gradient = np.zeros(4)
+        self._gradient = np.zeros(len(self.estimated_index))
         self._referred = False
         self._frame: tuple[float, float] | None = None  # Ω̂ + Ωv and Ω̂ of the newest sample
 
@@ -78,11 +78,12 @@ class NumpyObserver(Observer):
         states = np.zeros((n, len(self.x)))
         predicted, deviations = np.zeros_like(states), np.zeros_like(states)
         innovation, variance = np.zeros((n, axes)), np.zeros((n, axes))
-        angle_variance, began = np.zeros(n), self._time
+        angle_variance, virtual = np.zeros(n), self._imposed(u, self._time + np.cumsum(h) - h)
+        frame = self._frame or (0.0, 0.0)
         for m in range(n):
             if truth is not None:
                 self.x[:] = truth[m] / self.factors
-            self._predict_over(u[m], float(h[m]))
+            self._predict_over(u[m], float(h[m]), frame)
             predicted[m] = self.x
             innovation[m], variance[m] = self._correct_with(z[m])
             self._time += h[m]
@@ -91,9 +92,12 @@ class NumpyObserver(Observer):
                 self._angle_cross[:] = 0.0
             angle_variance[m] = self._angle_variance
             states[m] = self.x
+            if axes == 2:
+                rate = self.x[self.model.names.index("rate")]
+                frame = (rate + virtual[m], rate)
             deviations[m, self.estimated_index] = np.sqrt(np.diag(self._c if self._carries_both else self._p))
         index = np.arange(every - 1, n, every)
-        angles = self._angles(predicted, states, u, h, began) if axes == 2 else np.zeros((7, n))
+        angles = self._angles(predicted, states, virtual, h) if axes == 2 else np.zeros((7, n))
         return Estimates(
             self.model.names, index, states[index] * self.factors, deviations[index] * np.abs(self.factors),
             innovation * volts, np.sqrt(variance) * np.abs(volts),
@@ -105,8 +109,10 @@ class NumpyObserver(Observer):
 
     # -- one sample --------------------------------------------------------------------------------------------------
 
-    def _predict_over(self, u: Array, h: float) -> None:
-        """Advance x, P and C over h under the drive polynomial u (axes, degree + 1)."""
+    def _predict_over(self, u: Array, h: float, frame: tuple[float, float]) -> None:
+        """Advance x, P and C over h under the drive polynomial u (axes, degree + 1); the pattern was read at the
+        rotation and the rate of `frame` last.
+        """
         s, transition, sensitivity = flow(self._model, self.x[self.states :], self.x[: self.states], u, h)
         sensing = len(self.model.sense_constants)
         flowing = self.active >= sensing
@@ -125,7 +131,7 @@ class NumpyObserver(Observer):
         self._c[:] = f @ self._c @ f.T + q
         self._predict(s, f, q)
         if self.device.axes == 2 and s.any() and not self.settings.open_loop:  # a mass at rest has no angle
-            self._gradient = pattern_gradient(s, 1.0, 0.0, 0.0)[:4]
+            self._gradient[[0, 1, 2, 3, rate]] = pattern_gradient(s, 1.0, *frame)
 
     def _correct_with(self, z: Array) -> tuple[Array, Array]:
         """Update with z (axes,), NaN where lost; innovation (0 there) and its predicted variance."""
@@ -185,7 +191,7 @@ class NumpyObserver(Observer):
         joint = np.block(
             [[self._c, self._angle_cross[:, None]], [self._angle_cross[None, :], np.array([[self._angle_variance]])]]
         )
-        longer = np.vstack([gain, -self._gradient @ gain[: self.states]])
+        longer = np.vstack([gain, -self._gradient @ gain])
         joint = _joseph(joint, longer, np.hstack([h, np.zeros((len(h), 1))]), r)
         self._angle_cross, self._angle_variance = joint[n, :n], float(joint[n, n])
 
@@ -242,14 +248,15 @@ class NumpyObserver(Observer):
 
     # -- the pattern -------------------------------------------------------------------------------------------------
 
-    def _angles(self, predicted: Array, x: Array, u: Array, h: Array, began: float) -> tuple[Array, ...]:
-        """The angles [rad] and ratios of `Estimates`, each (n,), for the predicted and corrected states of a block that
-        began at a time."""
-        rate = x[:, self.model.names.index("rate")]
+    def _imposed(self, u: Array, start: Array) -> Array:
+        """Virtual rotation (n,) in intervals with the drives u (n, axes, degree + 1) that begin at `start` (n,)."""
         driven = np.any(u[:, :, 0] != 0.0, axis=1) & bool(self._record["control"][0])
-        start = began + np.cumsum(h) - h  # of each interval
-        turn = np.round((start + 0.5 * self.h) / self._reversal) if self._reversal > 0.0 else np.zeros(len(h))
-        virtual = np.where(driven, np.where(turn % 2 == 1, -self._virtual, self._virtual), 0.0)
+        turn = np.round((start + 0.5 * self.h) / self._reversal) if self._reversal > 0.0 else np.zeros(len(start))
+        return np.where(driven, np.where(turn % 2 == 1, -self._virtual, self._virtual), 0.0)
+
+    def _angles(self, predicted: Array, x: Array, virtual: Array, h: Array) -> tuple[Array, ...]:
+        """The angles [rad] and ratios of `Estimates`, each (n,), for the predicted and corrected states of a block."""
+        rate = x[:, self.model.names.index("rate")]
         double, energy, momentum = pattern(x, 1.0, rate + virtual, rate)
         plain, _, _ = pattern(x, 1.0, 0.0, 0.0)
         h = h.copy()

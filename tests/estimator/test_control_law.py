@@ -173,7 +173,7 @@ def known(random: np.random.Generator, n: int) -> tuple[Any, Array]:
     root = random.standard_normal((n + 1, n + 1))
     whole = root @ root.T
     memory = observer().arrays.memory[0]
-    memory["gradient"] = random.standard_normal(4)
+    memory["gradient"][:n] = random.standard_normal(n)
     memory["angle_cross"][:n], memory["angle_variance"] = whole[:n, n], whole[n, n]
     return memory, whole
 
@@ -188,7 +188,7 @@ def test_a_correction_moves_what_is_known_of_the_angle(channels: int) -> None:
     h[:channels, [0, 4]] = random.standard_normal((channels, 2))
     noise = np.array([0.3, 0.7])
     correct_angle(memory, whole[:n, :n].copy(), h, noise, channels, gain)
-    k = np.vstack([gain, -memory["gradient"] @ gain[:4]])[:, :channels]
+    k = np.vstack([gain, -memory["gradient"][:n] @ gain])[:, :channels]
     rest = np.eye(n + 1) - k @ np.column_stack([h, np.zeros(2)])[:channels]
     expected = rest @ whole @ rest.T + k @ np.diag(noise[:channels]) @ k.T
     np.testing.assert_allclose(memory["angle_cross"][:n], expected[:n, n], rtol=1e-10)
@@ -201,7 +201,7 @@ def test_a_recalled_constant_moves_what_is_known_of_the_angle() -> None:
     memory, whole = known(random, n)
     gain = random.standard_normal(n)
     recall_angle(memory, whole[:n, :n].copy(), row, gain, noise)
-    k = np.concatenate([gain, [-memory["gradient"] @ gain[:4]]])
+    k = np.concatenate([gain, [-memory["gradient"][:n] @ gain]])
     rest = np.eye(n + 1) - np.outer(k, np.eye(n + 1)[row])
     expected = rest @ whole @ rest.T + noise * np.outer(k, k)
     np.testing.assert_allclose(memory["angle_cross"][:n], expected[:n, n], rtol=1e-10)

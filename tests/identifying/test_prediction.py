@@ -52,6 +52,17 @@ def test_a_random_force_makes_the_angle_wander() -> None:
     assert found.angle_random_walk_rad_per_rts == pytest.approx(force / (2.0 * _OMEGA * _DEVICE.amplitude), rel=0.04)
 
 
+@pytest.mark.parametrize(("split", "virtual"), [(0.0, 12.0), (40.0, 12.0), (40.0, 24.0)])
+def test_sense_noise_makes_the_angle_of_a_split_device_wander(split: float, virtual: float) -> None:
+    """By √(Ωv² + (Δω/2)²) times the density of its share of the amplitude, docs/explanation.md."""
+    springs = (_OMEGA**2 + split * _OMEGA, _OMEGA**2 - split * _OMEGA, 0.0)
+    settings = ObserverSettings(memory=0.4, process_noise=ProcessNoise(rate=5.0))
+    turned = Loop(replace(_DEVICE, stiffness=springs), settings, replace(_LAW, virtual_rotation=virtual))
+    walk = _NOISE * math.sqrt(2.0 / _RATE) * math.hypot(virtual, 0.5 * split)
+    found = turned._noise(*turned._played(np.zeros(turned._settled + turned._span)))[1]
+    assert found == pytest.approx(walk, rel=0.08)
+
+
 @pytest.mark.parametrize("late", [0.0, 0.4, 1.0, 2.7])
 def test_a_late_drive_is_exactly_late(late: float) -> None:
     sense, drive = loop()._played(np.zeros(400), late)
