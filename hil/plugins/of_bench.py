@@ -49,7 +49,8 @@ def parts_of(bench: Bench, named: dict[Kind, str]) -> list[PluginPart]:
     parts = [part_of(kinds, name) for name, kinds in places.items()]
     for part in parts:
         if part.name == PLUGIN:
-            part.options = bench.controller.loops.options(bench.controller.mode)
+            loops = bench.controller.loops.options(bench.controller.mode)
+            part.options = loops | {"settle_s": bench.loop.settle_s}
     return parts
 
 

@@ -6,6 +6,7 @@ from types import MappingProxyType
 from typing import NamedTuple
 
 from hil.bench import Bench
+from hil.bench.classic import CLASSIC
 from hil.records.result import Contribution
 from hil.verdict.budget import LACKING, UNDECLARED
 from hil.verdict.uncertainty import DAMPING, ESTIMATION
@@ -38,7 +39,7 @@ def remedy(row: Contribution, bench: Bench) -> Remedy:
             {"controller": {"virtual_reversal_s": period}},
         )
     if row.source == ESTIMATION:
-        return _estimation(bench)
+        return _estimation(row, bench)
     if row.source == UNDECLARED:
         return _excitation(bench)
     if row.source == LACKING:
@@ -58,7 +59,15 @@ def _there_and_back(bench: Bench) -> float:
     return _rounded(scored / (2.0 * math.ceil(scored / (2.0 * longest))), 3)
 
 
-def _estimation(bench: Bench) -> Remedy:
+def _estimation(row: Contribution, bench: Bench) -> Remedy:
+    if bench.controller.mode in CLASSIC:
+        xx, yy, xy = bench.device.damping_per_s
+        turned = 0.5 * math.hypot(0.5 * (xx - yy), xy) * (bench.loop.duration_s - bench.loop.settle_s)
+        if turned > math.sqrt(0.5) * row.contribution_rad:  # most of the variance
+            return Remedy(
+                'set [controller] mode = "whole_angle", which estimates the damping, and run again',
+                {"controller": {"mode": "whole_angle"}},
+            )
     walk = bench.observer.process_noise.rate_rad_s_per_rts
     if walk == 0.0 or bench.observer.plugin is not None:  # which makes its uncertainty by itself
         return Remedy("vibrate with a larger [device] amplitude_m, as far as the device allows, and run again")

@@ -62,6 +62,15 @@ def test_the_balancing_force_is_the_rate_and_the_coupling_damping(tmp_path: Path
     assert np.abs(turned - 2.0 * RATE_RAD_S) < 2.0 * found.angle_u[-1]
 
 
+@pytest.mark.parametrize("mode", ["force_to_rebalance", "classic_whole_angle"])
+def test_its_uncertainty_counts_from_where_the_angle_is_zero(tmp_path: Path, mode: str) -> None:
+    """[loop] settle_s, 4 s: damping may have turned it since by ½ √((Δd/2)² + dxy²) t."""
+    found = driven(tmp_path, mode, 8.0, SPLIT)
+    dxx, dyy, dxy = (value / MASS_KG for value in SPLIT["damping_N_s_per_m"])
+    grown = 0.5 * math.hypot(0.5 * (dxx - dyy), dxy) * (8.0 - 4.0)
+    assert found.angle_u[-1] == pytest.approx(grown, rel=0.02)
+
+
 def test_exchanging_the_axes_takes_that_bias_off(tmp_path: Path) -> None:
     found = driven(tmp_path, "mode_reversal", 45.0, SPLIT, loops={"exchange_s": 8.0})
     assert np.mean(found.rate[20000:36000]) == pytest.approx(RATE_RAD_S + 0.0314, abs=1e-3)

@@ -241,6 +241,14 @@ def test_no_remedy_is_a_setting_that_a_plug_in_does_not_read() -> None:
         assert not remedy(row(source), controlled).changes
 
 
+def test_a_rate_that_the_damping_may_add_is_none_that_amplitude_lowers() -> None:
+    """¼ of Δd of 0.5 /s over 8 s is the whole of the row; of 0.05 /s it is a tenth, and the rest is noise."""
+    for apart, asked in ((0.5, '[controller] mode = "whole_angle"'), (0.05, "[device] amplitude_m")):
+        device = {"mass_kg": 1e-3, "damping_N_s_per_m": [1e-3 * (1.0 + apart), 1e-3, 0.0]}
+        loops = bench({}, device=device, controller={"mode": "force_to_rebalance"})
+        assert asked in remedy(row("estimation", "rad"), loops).text
+
+
 def test_each_row_has_a_remedy_of_its_own() -> None:
     declared = bench({})
     assert "[observer.process_noise] rate_rad_s_per_rts = 0.25 " in remedy(row("estimation", "rad"), declared).text

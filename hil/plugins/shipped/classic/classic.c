@@ -16,6 +16,7 @@ typedef struct {
     reversal exchange;
     spring_fit springs;
     double running_s, angle, imposed, first_theta, rate;
+    double zero_s; /* of running_s, where the angle is zero */
     double recent; /* rate, over some time constants of its loop */
     double bias_sd;                /* rad/s, that the declared damping can cause */
     double windows[3], sum, walk2; /* of the quadrature's rate; rad2/s */
@@ -24,7 +25,7 @@ typedef struct {
 
 static const char *const option_names[] = {"mode",       "amplitude_Hz",     "phase_Hz",   "rate_Hz", "quadrature_Hz",
                                            "phase_margin_deg", "exchange_s", "search_s",   "ring_up_s", "lock_s",
-                                           "null_s",     "probe_loop",       "probe_Hz",   "probe_size"};
+                                           "null_s",     "probe_loop",       "probe_Hz",   "probe_size", "settle_s"};
 
 unsigned gyro_plugin_version(void)
 {
@@ -143,12 +144,13 @@ static void tell(const classic *own, gyro_plugin_estimate *estimate)
         estimate->state[GYRO_PLUGIN_PHI_X + axis] = in->channels[axis].offset;
     }
     double sd = sqrt(2.0 * in->share * in->noise_V2) / fabs(in->device.sense_gain_V_per_m[0]) / a;
-    double held_s = own->exchange.exchanges > 2 ? fmin(own->running_s, in->given.exchange_s) : own->running_s;
+    double counted_s = own->running_s - own->zero_s;
+    double held_s = own->exchange.exchanges > 2 ? fmin(counted_s, in->given.exchange_s) : counted_s;
     all += creal(in->across) * creal(in->across) + cimag(in->across) * cimag(in->across);
     estimate->state[GYRO_PLUGIN_RATE] = own->rate;
     estimate->deviation[GYRO_PLUGIN_RATE] = hypot(sd * in->rate.gain, own->bias_sd);
     estimate->angle_rad = own->angle;
-    estimate->angle_u_rad = sqrt(sd * sd + own->walk2 * own->running_s + own->bias_sd * own->bias_sd * held_s * held_s);
+    estimate->angle_u_rad = sqrt(sd * sd + own->walk2 * counted_s + own->bias_sd * own->bias_sd * held_s * held_s);
     estimate->energy_ratio = all / (set * set);
     estimate->quadrature_ratio = 2.0 * creal(in->along) * cimag(in->across) / fmax(all, 1e-6 * set * set);
     const spring_fit *springs = &own->springs;
@@ -175,6 +177,8 @@ void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_
     classic *own = instance;
     loops *in = &own->loops;
     sense(in, sample, estimate);
+    if ((double)sample->number * in->step_s < in->given.settle_s)
+        own->zero_s = own->running_s;
     if (own->start.phase > SEARCH)
         lock_phase(in, 0.05);
     if (own->start.phase == RUN) {
