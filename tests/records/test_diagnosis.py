@@ -105,6 +105,7 @@ def written(folder: Path, found: traced.Diagnosis) -> str:
 def test_the_page_names_the_file_that_was_traced(tmp_path: Path) -> None:
     (tmp_path / "bench.toml").write_text("[device]\n", encoding="utf-8")
     diagnosis, capture = to_model(answer(), record="ride", bench="S-test"), Path("elsewhere") / "ride.arrow"
+    diagnosis = diagnosis.model_copy(update={"verdict": "unexplained"})
     path = write_report(tmp_path, answer(), diagnosis, ride(), DEVICE, ObserverSettings(), capture=capture)
     assert "hil trace elsewhere/ride.arrow --bench" in path.read_text(encoding="utf-8")
 
