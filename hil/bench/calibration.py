@@ -29,7 +29,7 @@ class Calibration(Section):
     angle's uncertainty budget. If a key is not given, a usual value is assumed and the row is marked as assumed."""
 
     angular_gain: Positive = 1.0
-    """angle by which the pattern turns for each radian of the board's rotation; 1 for a mass that moves as a whole"""
+    """angle by which the pattern rotates for each radian of the board's rotation; 1 for a rigid mass"""
     angular_gain_u: Relative | None = None
     """of the angular gain, relative; without it 0.001 is assumed"""
     clock_u: Relative | None = None
@@ -94,7 +94,7 @@ ASSUMED = {
     "angular_gain": Assumed(
         1e-3,
         "1",
-        "a mass that moves as a whole has 1 by geometry; the springs' and frame's share of the motion is thousandths "
+        "a rigid mass has the angular gain 1, by geometry; springs and frame take part in the motion by a few thousandths "
         "(Lynch, IEEE Std 1431 annex B; Shkel, IEEE PLANS 2006)",
     ),
     "clock": Assumed(3e-5, "1", "a crystal oscillator within ± 50 ppm over temperature and age"),
