@@ -597,33 +597,33 @@ bool hil_unpack_can_status_brief(hil_can_status_brief *message, const uint8_t *p
 const uint8_t hil_can_lengths[HIL_CAN_LENGTHS] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64};
 
 const hil_register hil_registers[HIL_REGISTERS] = {
-    {0x0001u, true, false, false, 0u, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What makes the board go on to the next tick. A board starts with a mode it can keep, whatever the default here, and refuses one it cannot (NOT_SUPPORTED). */
+    {0x0001u, true, false, false, 0u, 1.0, 0.0, 2.0},  /* CLOCK_MODE: What starts the next tick. A board starts with a mode that it supports, whatever the default here, and refuses all others (NOT_SUPPORTED). */
     {0x0002u, true, false, false, 0u, 0.0, 0.0, 2.0},  /* LOOP_MODE: Which drive messages close the loop. */
-    {0x0003u, true, false, false, 0u, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE; in force mode one drive is due for each. At most what fills a payload at 3 bytes a code; what is more than the board has memory for is refused (NOT_SUPPORTED). */
-    {0x0004u, true, false, false, 0u, 80.0, 1.0, 2000000.0},  /* WATCHDOG_TICKS: Ticks without an accepted drive frame after which a RUNNING board goes to SAFE. At most 2 s of the board's ticks: a board refuses more (OUT_OF_RANGE), and starts with its ceiling where the default is above it. */
-    {0x0005u, true, true, false, 0u, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. Written lower it limits at once the drive that is held and those that wait; raised again it brings nothing back. */
-    {0x0006u, true, true, false, 0u, 0.0, 0.0, 16777215.0},  /* STATUS_EVERY: Ticks between two unasked STATUS messages while ARMED or RUNNING; 0: only at a change of state. */
-    {0x0007u, true, false, false, 0u, 0.0, 0.0, 4294967295.0},  /* SESSION: A number of the host's own; 0 after every start of the board, by which the host sees that it restarted. Nothing else changes it. */
+    {0x0003u, true, false, false, 0u, 1.0, 1.0, 682.0},  /* BLOCK: Samples in one SENSE; in force mode one drive is due for each SENSE. The maximum fills a payload at 3 bytes per code. The board refuses a value for which it has no memory (NOT_SUPPORTED). */
+    {0x0004u, true, false, false, 0u, 80.0, 1.0, 2000000.0},  /* WATCHDOG_TICKS: Ticks without an accepted drive frame after which a RUNNING board goes to SAFE. The maximum is 2 s of the board's ticks; a board refuses more (OUT_OF_RANGE). If the default is above this maximum, the board starts with the maximum. */
+    {0x0005u, true, true, false, 0u, 8388607.0, 0.0, 8388607.0},  /* DRIVE_LIMIT: Largest drive code that is applied; the converter's own range limits it further. A lower value limits the held drive and the waiting drives at once. A later higher value does not restore them. */
+    {0x0006u, true, true, false, 0u, 0.0, 0.0, 16777215.0},  /* STATUS_EVERY: Ticks between two STATUS messages without request, while ARMED or RUNNING; 0: only at a change of state. */
+    {0x0007u, true, false, false, 0u, 0.0, 0.0, 4294967295.0},  /* SESSION: A number that the host chooses. It is 0 after every start of the board, so the host can detect a restart. Nothing else changes it. */
     {0x0010u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A11: A, row 1, column 1. ARM is refused in gain mode while the spectral radius of A is above 0.99. */
     {0x0011u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A12: A, row 1, column 2. */
     {0x0012u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A21: A, row 2, column 1. */
     {0x0013u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_A22: A, row 2, column 2. */
-    {0x0014u, true, false, true, 0u, 1.0, -16.0, 16.0},  /* FILTER_B1: B, component 1: what V[m] adds to it. */
-    {0x0015u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_B2: B, component 2: what V[m] adds to it. */
-    {0x0016u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_C1: C, component 1: what V[m − D] adds to it. */
-    {0x0017u, true, false, true, 0u, 1.0, -16.0, 16.0},  /* FILTER_C2: C, component 2: what V[m − D] adds to it. */
-    {0x0018u, true, false, false, 0u, 1.0, 1.0, 63.0},  /* FILTER_DELAY: D. The defaults of all filter registers make the pair V[m], V[m − 1]. */
-    {0x0020u, true, true, false, 0u, 0.0, 0.0, 8388607.0},  /* DITHER_AMPLITUDE: Gain mode: what dither adds to, or takes from, each drive at every tick. */
-    {0x0021u, true, false, false, 0u, 1.0, 1.0, 4294967295.0},  /* DITHER_SEED: Where the dither's shift register starts at ARM. */
+    {0x0014u, true, false, true, 0u, 1.0, -16.0, 16.0},  /* FILTER_B1: B, component 1: factor of V[m]. */
+    {0x0015u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_B2: B, component 2: factor of V[m]. */
+    {0x0016u, true, false, true, 0u, 0.0, -16.0, 16.0},  /* FILTER_C1: C, component 1: factor of V[m − D]. */
+    {0x0017u, true, false, true, 0u, 1.0, -16.0, 16.0},  /* FILTER_C2: C, component 2: factor of V[m − D]. */
+    {0x0018u, true, false, false, 0u, 1.0, 1.0, 63.0},  /* FILTER_DELAY: D. With the defaults of all filter registers, s is the pair V[m], V[m − 1]. */
+    {0x0020u, true, true, false, 0u, 0.0, 0.0, 8388607.0},  /* DITHER_AMPLITUDE: Gain mode: amplitude of the dither, added to or subtracted from each drive at every tick. */
+    {0x0021u, true, false, false, 0u, 1.0, 1.0, 4294967295.0},  /* DITHER_SEED: Start value of the shift register of the dither at ARM. */
     {0x0030u, true, true, false, HIL_CAPABILITIES_ESTIMATE, 0.0, 0.0, 16777215.0},  /* ESTIMATE_EVERY: Ticks between two ESTIMATE messages; 0: none. */
-    {0x0040u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_0: Code of output 0. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
-    {0x0041u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_1: Code of output 1. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
-    {0x0042u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_2: Code of output 2. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
-    {0x0043u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_3: Code of output 3. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
-    {0x0044u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_4: Code of output 4. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
-    {0x0045u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_5: Code of output 5. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
-    {0x0046u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_6: Code of output 6. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
-    {0x0047u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_7: Code of output 7. Refused: OUT_OF_RANGE beyond what TRIM_OUTPUT tells; BAD_STATE for a code other than 0 where nothing streams; UNKNOWN_REGISTER where the board has no such output. */
+    {0x0040u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_0: Code of output 0. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
+    {0x0041u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_1: Code of output 1. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
+    {0x0042u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_2: Code of output 2. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
+    {0x0043u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_3: Code of output 3. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
+    {0x0044u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_4: Code of output 4. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
+    {0x0045u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_5: Code of output 5. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
+    {0x0046u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_6: Code of output 6. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
+    {0x0047u, true, true, false, HIL_CAPABILITIES_TRIM, 0.0, -8388608.0, 8388607.0},  /* TRIM_7: Code of output 7. Refused: OUT_OF_RANGE beyond the range of TRIM_OUTPUT; BAD_STATE for a code other than 0 while nothing streams; UNKNOWN_REGISTER if the board has no such output. */
 };
 
 const uint8_t hil_situation_state[HIL_SITUATIONS] = {

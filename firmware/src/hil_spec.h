@@ -55,7 +55,8 @@ enum {
     HIL_NACK_REASON_LATCHED = 8,
 };
 
-/* LOCKSTEP waits for the answer to each frame; PACED is an emulated board on wall time; REAL is hardware. */
+/* LOCKSTEP: the board waits for the answer to each block. PACED: an emulated board on wall time. REAL:
+ * hardware. */
 enum {
     HIL_CLOCK_MODE_LOCKSTEP = 0,
     HIL_CLOCK_MODE_PACED = 1,
@@ -70,17 +71,18 @@ enum {
     HIL_LOOP_MODE_BOARD = 2,
 };
 
-/* Bits of SENSE.flags. HELD, force mode: no drive had come for the interval that ends at the row, although one
- * was due, so the last one was held. CLIPPED: the sense converter was at its end at the row. SATURATED: force
- * mode: the drive in the row had to be limited; gain and board mode: the one computed at the row. */
+/* Bits of SENSE.flags. HELD (force mode): a drive was due for the interval that ends at the row, but did not
+ * arrive, so the board held the last one. CLIPPED: the sense converter was at the end of its range at the row.
+ * SATURATED: in force mode the drive in the row had to be limited; in gain and board mode, the drive computed
+ * at the row. */
 enum {
     HIL_SENSE_FLAGS_HELD = 1,
     HIL_SENSE_FLAGS_CLIPPED = 2,
     HIL_SENSE_FLAGS_SATURATED = 4,
 };
 
-/* Bits of IDENTITY.capabilities. Those that are not on this page are of optional messages that came later:
- * they are passed over. */
+/* Bits of IDENTITY.capabilities. Other bits belong to optional messages of later versions; the host ignores
+ * them. */
 enum {
     HIL_CAPABILITIES_FORCE_MODE = 1,
     HIL_CAPABILITIES_GAIN_MODE = 2,
@@ -109,8 +111,8 @@ enum {
     HIL_ESTIMATED_ENTRIES_ANGLE = 8192,
 };
 
-/* Bits of ESTIMATE.flags. VALID: the angle means something, as the ellipse is slender and its energy held.
- * DRIVING: the drive that the estimator computed at this tick is applied. */
+/* Bits of ESTIMATE.flags. VALID: the angle is valid: the quadrature is small and the energy is near its
+ * target. DRIVING: the drive that the estimator computed at this tick is applied. */
 enum {
     HIL_ESTIMATE_FLAGS_VALID = 1,
     HIL_ESTIMATE_FLAGS_DRIVING = 2,
@@ -150,16 +152,16 @@ size_t hil_pack_safe(const hil_safe *message, uint8_t *payload);
 bool hil_unpack_safe(hil_safe *message, const uint8_t *payload, size_t size);
 
 /* From IDLE or SAFE to ARMED: the board streams SENSE from now on. Answered by STATUS. Ticks start at 0 at the
- * first ARM and go on counting from then on, in every state; in lockstep they stand still while nothing
- * streams. Refused: BAD_STATE without a matching HELLO since the board's start, and while RUNNING; LATCHED
- * after a stop that latches; NOT_SUPPORTED in force mode by a board of latency 0 that is not in lockstep;
- * OUT_OF_RANGE in gain mode with a filter that is not stable. */
+ * first ARM and then count in every state. In lockstep they stand still while nothing streams. Refused:
+ * BAD_STATE without a matching HELLO since the start of the board, and while RUNNING; LATCHED after a latching
+ * stop; NOT_SUPPORTED in force mode by a board of latency 0 that is not in lockstep; OUT_OF_RANGE in gain mode
+ * if the filter is not stable. */
 #define HIL_ARM_SIZE 0u
 
 /* Force mode: the drive to apply from `effective_tick` on. A drive computed from row m first acts at m +
- * latency: its effective tick. Held until the next one. One whose effective tick has passed is late: counted,
- * otherwise ignored, and not answered. BAD_STATE in gain mode and where nothing streams; OUT_OF_RANGE if it
- * finds no room to wait in. */
+ * latency: its effective tick. The board holds it until the next drive acts. A drive whose effective tick has
+ * passed is late: the board counts it, ignores it and does not answer. Refused: BAD_STATE in gain mode and
+ * while nothing streams; OUT_OF_RANGE if the queue is full. */
 #define HIL_DRIVE_FORCE_SIZE 12u
 typedef struct hil_drive_force {
     /* [code] Drive along x. */
@@ -172,10 +174,11 @@ typedef struct hil_drive_force {
 size_t hil_pack_drive_force(const hil_drive_force *message, uint8_t *payload);
 bool hil_unpack_drive_force(hil_drive_force *message, const uint8_t *payload, size_t size);
 
-/* Gain mode: from `effective_tick` on the drive is computed with this matrix, switched in one piece. One waits
- * at a time: the next one replaces it. One whose effective tick has passed is counted as late and taken from
- * the next tick on. A matrix_id of 0, or a value that is not finite or beyond ± 2⁶⁰, is refused
- * (OUT_OF_RANGE). BAD_STATE in force mode and where nothing streams. */
+/* Gain mode: from `effective_tick` on, the board computes the drive with this matrix. It switches all numbers
+ * at the same tick. The board stores one waiting matrix; the next one replaces it. A matrix whose effective
+ * tick has passed counts as late; the board uses it from the next tick on. Refused: OUT_OF_RANGE for a
+ * matrix_id of 0, or a value that is not finite or beyond ± 2⁶⁰; BAD_STATE in force mode and while nothing
+ * streams. */
 #define HIL_DRIVE_GAINS_SIZE 45u
 typedef struct hil_drive_gains {
     /* Name of this matrix, 1 to 255, echoed in SENSE. */
@@ -190,39 +193,38 @@ typedef struct hil_drive_gains {
 size_t hil_pack_drive_gains(const hil_drive_gains *message, uint8_t *payload);
 bool hil_unpack_drive_gains(hil_drive_gains *message, const uint8_t *payload, size_t size);
 
-/* Board mode: permits the board to go on. What its own estimator computes at a row drives it from that row on,
- * or not, as this frame says; it holds no longer than the watchdog. A number that is neither 0 nor 1 is
- * refused (OUT_OF_RANGE). BAD_STATE in the other modes and where nothing streams. */
+/* Board mode: permits the board to continue. `drive` decides whether the board applies the drives that its
+ * estimator computes after this frame. The permission lasts at most for the watchdog time. Refused:
+ * OUT_OF_RANGE for a number that is neither 0 nor 1; BAD_STATE in the other modes and while nothing streams. */
 #define HIL_DRIVE_BOARD_SIZE 1u
 typedef struct hil_drive_board {
-    /* 1: the drive that the board's estimator computes is applied; 0: the drive is zero, and the estimator is
-     * told so. */
+    /* 1: the board applies the drive that its estimator computes. 0: the drive is zero, and the estimator gets
+     * this information. */
     uint8_t drive;
 } hil_drive_board;
 size_t hil_pack_drive_board(const hil_drive_board *message, uint8_t *payload);
 bool hil_unpack_drive_board(hil_drive_board *message, const uint8_t *payload, size_t size);
 
-/* A block of n samples; the header's tick is that of the first row. n is BLOCK, or less in the last block
- * before SAFE. Row m holds the codes sampled at tick m, and the drive codes, after quantisation and
+/* A block of n samples. The tick in the header is the tick of the first row. n is BLOCK, or less in the last
+ * block before SAFE. Row m holds the codes sampled at tick m, and the drive codes, after quantisation and
  * saturation, held over the interval that ENDS at m. */
 #define HIL_SENSE_SIZE 5u  /* then rows of codes: vx, vy, ux, uy */
 #define HIL_SENSE_COLUMNS 4u
 typedef struct hil_sense {
-    /* Rows in this block, ≥ 1; the payload has exactly so many. */
+    /* Rows in this block, ≥ 1; the payload has exactly n rows. */
     uint16_t n;
     /* [byte] Bytes per code: 2 or 3. */
     uint8_t width;
-    /* [SenseFlags] What happened in any row of the block. */
+    /* [SenseFlags] Flags of all rows of the block, combined by OR. */
     uint8_t flags;
-    /* Gain mode: the matrix that the drive computed at the last row was computed with; 0 for none, and in
-     * force mode. */
+    /* Gain mode: the matrix with which the drive at the last row was computed. 0: no matrix, or force mode. */
     uint8_t matrix_id;
 } hil_sense;
 size_t hil_pack_sense(const hil_sense *message, uint8_t *payload);
 bool hil_unpack_sense(hil_sense *message, const uint8_t *payload, size_t size);
 
-/* The host sends its clock with board_ns = 0; the board returns host_ns unchanged beside its own clock, in
- * every state. */
+/* The host sends its clock with board_ns = 0. The board returns host_ns unchanged, together with its own
+ * clock, in every state. */
 #define HIL_TIME_SYNC_SIZE 16u
 typedef struct hil_time_sync {
     /* [ns] Host clock, monotonic, when the request was sent. */
@@ -233,36 +235,38 @@ typedef struct hil_time_sync {
 size_t hil_pack_time_sync(const hil_time_sync *message, uint8_t *payload);
 bool hil_unpack_time_sync(hil_time_sync *message, const uint8_t *payload, size_t size);
 
-/* Sent after every change of state but those that HELLO brings, every STATUS_EVERY ticks, and in answer to ARM
- * and SAFE. Counters count since power-up and stop at 2³² − 1. */
+/* The board sends it after every change of state, except after a change by HELLO; every STATUS_EVERY ticks;
+ * and in answer to ARM and SAFE. Counters count since power-up and stop at 2³² − 1. */
 #define HIL_STATUS_SIZE 34u
 typedef struct hil_status {
     /* [State] State of the board. */
     uint8_t state;
     /* [SafeReason] Why it is in SAFE; NONE otherwise. */
     uint8_t reason;
-    /* Drive frames that came after their effective tick (in time is: before the interval that begins at it). */
+    /* Drive frames that arrived after their effective tick. In time means: before the interval that begins at
+     * this tick. */
     uint32_t late;
-    /* Ticks at which a drive was due and none came, so that the last one was held; force mode. */
+    /* Force mode: ticks at which a drive was due but did not arrive, so that the board held the last one. */
     uint32_t held;
-    /* Frames dropped: framing, CRC, and intact ones of unknown type or wrong length, which are answered by
-     * NACK too. */
+    /* Dropped frames: wrong framing or CRC; also intact frames of unknown type or wrong length, which the
+     * board answers by NACK too. */
     uint32_t bad_frames;
     /* Frames missing from the host's sequence. */
     uint32_t lost_seq;
-    /* Drives that had to be limited when they came, in gain and board mode ticks at which one had to be. */
+    /* Force mode: drives that had to be limited at arrival. Gain and board mode: ticks at which the drive had
+     * to be limited. */
     uint32_t saturated;
     /* Times the watchdog brought the board to SAFE. */
     uint32_t watchdog_trips;
-    /* SENSE blocks dropped because the link did not take them; their sequence numbers are missing. */
+    /* SENSE blocks that the board dropped because the link had no space; their sequence numbers are missing. */
     uint32_t dropped;
-    /* [tick] Tick at which this holds; low 32 bits. */
+    /* [tick] Tick at which this status is valid; low 32 bits. */
     uint32_t tick;
 } hil_status;
 size_t hil_pack_status(const hil_status *message, uint8_t *payload);
 bool hil_unpack_status(hil_status *message, const uint8_t *payload, size_t size);
 
-/* A frame arrived intact and was refused; it changed nothing. */
+/* A frame arrived intact, and the board refused it. The frame changed nothing. */
 #define HIL_NACK_SIZE 4u
 typedef struct hil_nack {
     /* Type of the refused frame. */
@@ -276,9 +280,9 @@ size_t hil_pack_nack(const hil_nack *message, uint8_t *payload);
 bool hil_unpack_nack(hil_nack *message, const uint8_t *payload, size_t size);
 
 /* Opens a conversation; the board answers IDENTITY, in every state and to any protocol and hash. Restarts the
- * sequence count of the host's direction. If both numbers are the board's own it permits ARM and lifts the
- * latch of a stop; if not, it takes the permission back. A board that streams goes to SAFE, LINK_LOST: its
- * host has begun anew. */
+ * sequence count of the host's direction. If both numbers are equal to the board's own, HELLO permits ARM and
+ * clears the latch of a stop. If not, it revokes this permission. A board that streams goes to SAFE,
+ * LINK_LOST, because its host has started again. */
 #define HIL_HELLO_SIZE 6u
 typedef struct hil_hello {
     /* Protocol number of the sender. */
@@ -289,8 +293,8 @@ typedef struct hil_hello {
 size_t hil_pack_hello(const hil_hello *message, uint8_t *payload);
 bool hil_unpack_hello(hil_hello *message, const uint8_t *payload, size_t size);
 
-/* Who the board is and what its codes are worth. The first two fields never change, so that any two versions
- * can tell that they differ. Restarts the sequence count of the board's direction. */
+/* What the board is, and the scales of its codes. The first two fields never change, so that any two versions
+ * can detect that they differ. Restarts the sequence count of the board's direction. */
 #define HIL_IDENTITY_SIZE 51u
 typedef struct hil_identity {
     /* Protocol number of the board. */
@@ -299,7 +303,7 @@ typedef struct hil_identity {
     uint32_t spec_hash;
     /* Serial number of the board. */
     uint64_t unique_id;
-    /* Firmware version 0x00MMmmpp, a byte for each part: 0x00010203 is 1.2.3. */
+    /* Firmware version 0x00MMmmpp, a byte for each number: 0x00010203 is 1.2.3. */
     uint32_t firmware;
     /* [Hz] Ticks, that is samples, per second. */
     double tick_rate_Hz;
@@ -330,7 +334,8 @@ typedef struct hil_register_read {
 size_t hil_pack_register_read(const hil_register_read *message, uint8_t *payload);
 bool hil_unpack_register_read(hil_register_read *message, const uint8_t *payload, size_t size);
 
-/* Answered by REGISTER_VALUE with the value now in force, or NACK; then the register keeps the value it had. */
+/* Answered by REGISTER_VALUE with the value now in force, or by NACK. After NACK the register keeps its old
+ * value. */
 #define HIL_REGISTER_WRITE_SIZE 10u
 typedef struct hil_register_write {
     /* Register number. */
@@ -352,8 +357,8 @@ typedef struct hil_register_value {
 size_t hil_pack_register_value(const hil_register_value *message, uint8_t *payload);
 bool hil_unpack_register_value(hil_register_value *message, const uint8_t *payload, size_t size);
 
-/* Asks for one line of the board's field table; answered by FIELD_VALUE, or NACK (OUT_OF_RANGE) beyond the
- * last. How a host finds out where two specs differ. */
+/* Asks for one line of the board's field table. Answered by FIELD_VALUE, or by NACK (OUT_OF_RANGE) beyond the
+ * last line. The host uses it to find where two specs differ. */
 #define HIL_FIELD_READ_SIZE 2u
 typedef struct hil_field_read {
     /* Line, from 0. */
@@ -376,17 +381,18 @@ typedef struct hil_field_value {
 size_t hil_pack_field_value(const hil_field_value *message, uint8_t *payload);
 bool hil_unpack_field_value(hil_field_value *message, const uint8_t *payload, size_t size);
 
-/* What the board's own estimator says, every ESTIMATE_EVERY ticks while it streams in board mode: at ticks of
- * which one more is a multiple of it. Where the link does not take it, it is dropped, and its number is
- * missing. Any number that is not finite, and a deviation below 0, says that the estimator has failed. */
+/* The estimates of the board's own estimator, every ESTIMATE_EVERY ticks while the board streams in board
+ * mode: at each tick t for which t + 1 is a multiple of ESTIMATE_EVERY. If the link has no space, the board
+ * drops the message, and its sequence number is missing. A number that is not finite, or a deviation below 0,
+ * means that the estimator has failed. */
 #define HIL_ESTIMATE_SIZE 176u
 typedef struct hil_estimate {
-    /* [tick] Tick of the sample that this follows; low 32 bits. */
+    /* [tick] Tick of the last sample in the estimate; low 32 bits. */
     uint32_t tick;
-    /* [EstimatedEntries] Which entries the board's model estimates; the others are declared to it, and so is
-     * what they say. */
+    /* [EstimatedEntries] Entries that the board estimates. All other entries are declared constants; the
+     * message repeats their declared values. */
     uint16_t estimated;
-    /* [EstimateFlags] What the numbers mean. */
+    /* [EstimateFlags] State of the estimate. */
     uint16_t flags;
     /* [m] Position along x. */
     double x;
@@ -414,43 +420,43 @@ typedef struct hil_estimate {
     double dyy;
     /* [1/s] Damping over mass, xy. */
     double dxy;
-    /* [rad] Angle of rotation as the board reports it, counted from its ARM, unwrapped; what its own forces
-     * turned is taken off. */
+    /* [rad] Angle of rotation as the board reports it, counted from ARM, unwrapped. The rotation of the
+     * pattern by drive forces is subtracted. */
     double angle;
-    /* [m] Standard deviation of x; 0 where the board does not say it. */
+    /* [m] Standard deviation of x; 0: not given. */
     float sd_x;
-    /* [m/s] Standard deviation of vx; 0 where the board does not say it. */
+    /* [m/s] Standard deviation of vx; 0: not given. */
     float sd_vx;
-    /* [m] Standard deviation of y; 0 where the board does not say it. */
+    /* [m] Standard deviation of y; 0: not given. */
     float sd_y;
-    /* [m/s] Standard deviation of vy; 0 where the board does not say it. */
+    /* [m/s] Standard deviation of vy; 0: not given. */
     float sd_vy;
-    /* [V] Standard deviation of phi_x; 0 where the board does not say it. */
+    /* [V] Standard deviation of phi_x; 0: not given. */
     float sd_phi_x;
-    /* [V] Standard deviation of phi_y; 0 where the board does not say it. */
+    /* [V] Standard deviation of phi_y; 0: not given. */
     float sd_phi_y;
-    /* [rad/s] Standard deviation of rate; 0 where the board does not say it. */
+    /* [rad/s] Standard deviation of rate; 0: not given. */
     float sd_rate;
-    /* [1/s²] Standard deviation of kxx; 0 where the board does not say it. */
+    /* [1/s²] Standard deviation of kxx; 0: not given. */
     float sd_kxx;
-    /* [1/s²] Standard deviation of kyy; 0 where the board does not say it. */
+    /* [1/s²] Standard deviation of kyy; 0: not given. */
     float sd_kyy;
-    /* [1/s²] Standard deviation of kxy; 0 where the board does not say it. */
+    /* [1/s²] Standard deviation of kxy; 0: not given. */
     float sd_kxy;
-    /* [1/s] Standard deviation of dxx; 0 where the board does not say it. */
+    /* [1/s] Standard deviation of dxx; 0: not given. */
     float sd_dxx;
-    /* [1/s] Standard deviation of dyy; 0 where the board does not say it. */
+    /* [1/s] Standard deviation of dyy; 0: not given. */
     float sd_dyy;
-    /* [1/s] Standard deviation of dxy; 0 where the board does not say it. */
+    /* [1/s] Standard deviation of dxy; 0: not given. */
     float sd_dxy;
-    /* [rad] Standard deviation of the angle, by estimation; 0 where the board does not say it. */
+    /* [rad] Standard deviation of the angle, from the estimation; 0: not given. */
     float sd_angle;
 } hil_estimate;
 size_t hil_pack_estimate(const hil_estimate *message, uint8_t *payload);
 bool hil_unpack_estimate(hil_estimate *message, const uint8_t *payload, size_t size);
 
-/* Asks what one output is. A board with outputs answers by TRIM_OUTPUT, also for an `output` that it has not:
- * then `name` is empty. */
+/* Asks for the properties of one output. A board with outputs answers TRIM_OUTPUT. For an `output` that does
+ * not exist, `name` is empty. */
 #define HIL_TRIM_READ_SIZE 1u
 typedef struct hil_trim_read {
     /* Number of the output, from 0; its register is TRIM_0 and so on. */
@@ -459,12 +465,13 @@ typedef struct hil_trim_read {
 size_t hil_pack_trim_read(const hil_trim_read *message, uint8_t *payload);
 bool hil_unpack_trim_read(hil_trim_read *message, const uint8_t *payload, size_t size);
 
-/* What an output is: codes that its register takes, what they are worth, and how fast the electrode follows. */
+/* Properties of an output: the codes that its register accepts, their scale, and how fast the electrode
+ * follows. */
 #define HIL_TRIM_OUTPUT_SIZE 26u
 typedef struct hil_trim_output {
     /* Number of the output. */
     uint8_t output;
-    /* Outputs that the board has, 1 to 8. */
+    /* Number of outputs of the board, 1 to 8. */
     uint8_t outputs;
     /* [code] Lowest code; 0 at most. */
     int32_t lowest;
@@ -474,7 +481,7 @@ typedef struct hil_trim_output {
     double scale_V;
     /* [s] Time constant with which the electrode follows its code; 0: at once. */
     double settling_s;
-    /* Name of the electrode, as bench files give it. */
+    /* Name of the electrode, as in the bench file. */
     const char *name;  /* not terminated */
     size_t name_size;
 } hil_trim_output;
@@ -497,8 +504,8 @@ enum {
 };
 
 /* This header, then a part of the payload, then zeros up to the next legal length. The parts of a message
- * follow each other and share its sequence number and tick. Parts are full, 56 bytes, up to the last, which is
- * not: a payload of 56 bytes ends with an empty part. */
+ * follow each other and share its sequence number and tick. Every part has 56 bytes, except the last, which
+ * has fewer. So a payload of exactly 56 bytes needs a second, empty part. */
 #define HIL_CAN_PART_SIZE 8u
 typedef struct hil_can_part {
     /* Sequence number of this direction, from 0, wraps. Every message takes the next one. */
@@ -513,8 +520,8 @@ typedef struct hil_can_part {
 size_t hil_pack_can_part(const hil_can_part *message, uint8_t *payload);
 bool hil_unpack_can_part(hil_can_part *message, const uint8_t *payload, size_t size);
 
-/* SENSE has a header of its own, so that every frame stands for itself: whole rows, as many as fit; a longer
- * block goes out as several messages, of which a host in lockstep answers the last. */
+/* SENSE has its own header, so each frame is a complete message with as many whole rows as fit. A longer block
+ * is several messages; in lockstep the host answers only the last one. */
 #define HIL_CAN_ROWS_SIZE 8u
 typedef struct hil_can_rows {
     /* As above. */
@@ -525,7 +532,7 @@ typedef struct hil_can_rows {
     uint8_t n;
     /* 0: 2 bytes a code, 1: 3. */
     uint8_t wide;
-    /* [SenseFlags] What happened in any row of the block. */
+    /* [SenseFlags] Flags of all rows of the block, combined by OR. */
     uint8_t flags;
     /* As in SENSE. */
     uint8_t matrix_id;
@@ -533,8 +540,8 @@ typedef struct hil_can_rows {
 size_t hil_pack_can_rows(const hil_can_rows *message, uint8_t *payload);
 bool hil_unpack_can_rows(hil_can_rows *message, const uint8_t *payload, size_t size);
 
-/* Any node may stop the board: a frame cut short after the reason is enough, `cansend can0 010#01`. One of
- * another length, or a CAN FD frame, counts as HOST_REQUEST. */
+/* Any node may stop the board; the reason byte alone is enough: `cansend can0 010#01`. A frame of another
+ * length, or a CAN FD frame, counts as HOST_REQUEST. */
 #define HIL_CAN_SAFE_SIZE 7u
 typedef struct hil_can_safe {
     /* [SafeReason] Why. */
@@ -558,8 +565,8 @@ typedef struct hil_can_arm {
 size_t hil_pack_can_arm(const hil_can_arm *message, uint8_t *payload);
 bool hil_unpack_can_arm(hil_can_arm *message, const uint8_t *payload, size_t size);
 
-/* Follows every STATUS, for nodes that hear classic CAN only; has no place in the sequence: hosts, and boards
- * that hear one, pass over it. On CAN only. Counters stop at 255. */
+/* Follows every STATUS, for nodes that receive only classic CAN. It is not part of the sequence; hosts and
+ * other boards ignore it. On CAN only. Counters stop at 255. */
 #define HIL_CAN_STATUS_BRIEF_SIZE 8u
 typedef struct hil_can_status_brief {
     /* [State] State of the board. */
@@ -570,7 +577,7 @@ typedef struct hil_can_status_brief {
     uint8_t lost_seq;
     /* Times the watchdog brought the board to SAFE. */
     uint8_t watchdog_trips;
-    /* [tick] Tick at which this holds; low 32 bits. */
+    /* [tick] Tick at which this status is valid; low 32 bits. */
     uint32_t tick;
 } hil_can_status_brief;
 size_t hil_pack_can_status_brief(const hil_can_status_brief *message, uint8_t *payload);
