@@ -22,19 +22,6 @@ Accept = Annotated[
 ]
 
 
-_TOLD = {
-    "resonance_1": "resonance 1",
-    "resonance_2": "resonance 2",
-    "q_1": "Q 1",
-    "q_2": "Q 2",
-    "azimuth": "axis of resonance 1",
-    "gain_x": "gain x, sense × drive",
-    "gain_y": "gain y, sense × drive",
-    "delay": "delay beside latency",
-}
-"""Constants in the terminal, with their names there."""
-
-
 @with_options(LocalIdentifyOptions)
 def identify(
     link: BoardLink = None,
@@ -76,6 +63,7 @@ def identify(
     from hil.errors.exit_codes import ExitCode
     from hil.identifying.identify import identify as carry_out
     from hil.identifying.request import request_of, told
+    from hil.identifying.words import CALLED
     from hil.numbers import counted, plus_minus
 
     if accept:
@@ -93,12 +81,12 @@ def identify(
         )
     else:
         print("Measured (± 95 %):")
-        for name, title in _TOLD.items():
+        for name in ("resonance_1", "resonance_2", "q_1", "q_2", "azimuth", "gain_x", "gain_y", "delay"):
             one = found.constants[name]
             unit = "" if one.unit == "1" else f" {one.unit}"
-            print(f"  {title:<22} {plus_minus(one.value, 2.0 * one.u)}{unit}")
+            print(f"  {CALLED[name]:<28} {plus_minus(one.value, 2.0 * one.u)}{unit}")
         latency = f"{counted(found.latency_ticks, 'tick')}; IDENTITY says {found.identity.latency_ticks}"
-        print(f"  {'latency':<22} {latency}")
+        print(f"  {'latency':<28} {latency}")
         if found.advice is not None:
             print("Predicted for the proposed settings:", *found.advice.sentences, sep="\n  ")
     for line in () if found.advice is None else found.advice.missed:

@@ -13,6 +13,7 @@ from hil.identifying.bench_file import text_of
 from hil.identifying.findings import Findings
 from hil.identifying.recording import Sampled
 from hil.identifying.request import IdentifyRequest
+from hil.identifying.words import CALLED
 from hil.numbers import counted, plus_minus, significant
 from hil.records.atomic import write_text
 from hil.report import markup
@@ -73,10 +74,12 @@ def _key(found: Findings) -> list[tuple[str, str, str]]:
 
 def _table(found: Findings) -> str:
     rows = [
-        (name.replace("_", " "), plus_minus(one.value, 2.0 * one.u), "" if one.unit == "1" else one.unit)
+        (CALLED[name], plus_minus(one.value, 2.0 * one.u), "" if one.unit == "1" else one.unit)
         for name, one in found.constants.items()
     ]
-    rows += [(f"noise {axis}", significant(float(v), 4), "V") for axis, v in zip("xy", found.noise_V, strict=True)]
+    rows += [
+        (f"sense noise {axis}, rms", significant(float(v), 4), "V") for axis, v in zip("xy", found.noise_V, strict=True)
+    ]
     rows.append(("force noise", significant(found.force_mps2_per_rtHz, 2), "m/s²/√Hz"))
     untold = markup.paragraph(
         "Gains are products of drive and sense: the drive's scale is the board's word. A known force or a known "
