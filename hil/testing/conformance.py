@@ -18,9 +18,10 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 
-from estimator.declared_loop import DeclaredLoop
+from estimator.declared_loop import RATE_RAD_S, DeclaredLoop
 from estimator.observer import Observer
 from hil.bench import load_bench, override
 from hil.bench.examples import find
@@ -40,7 +41,7 @@ from hil.wire.messages import SafeReason, State
 
 _NOISE = 20_000  # bytes
 _LINES = "\r\n"
-_ENERGY = -1
+_ANGLE, _ENERGY = -2, -1
 _QUIET = 200
 
 
@@ -206,6 +207,7 @@ class PluginConformance:
         bench: a bench file or example, of a two-axis gyro in force mode.
         samples: how many it is given.
         energy: largest share by which the energy may be off its set point in the last tenth of them.
+        turning: largest share by which an observer's angle and rate may be off the turn of the board in the last half.
     """
 
     observer: ClassVar[str | None] = None
@@ -213,12 +215,23 @@ class PluginConformance:
     bench: ClassVar[str] = "s-slow"
     samples: ClassVar[int] = 4000
     energy: ClassVar[float] = 0.05
+    turning: ClassVar[float] = 0.2
 
     def test_it_keeps_the_device_in_motion(self) -> None:
         rows = self._rows()
         held = [row[_ENERGY] for row in rows[-self.samples // 10 :]]
         assert max(abs(energy - 1.0) for energy in held) <= self.energy
         assert any(any(row[:2]) for row in rows)
+
+    def test_angle_and_rate_are_the_turn_of_the_board(self) -> None:
+        """The device of this loop turns at `RATE_RAD_S`, while the bench's control law imposes a virtual rotation."""
+        if self.observer is None:
+            return
+        observer, _ = self._loop()
+        rows = np.array(self._rows()[self.samples // 2 :])
+        mean = (rows[-1, _ANGLE] - rows[0, _ANGLE]) / (len(rows) - 1)
+        assert mean * observer.device.sample_rate == pytest.approx(RATE_RAD_S, rel=self.turning)
+        assert rows[:, 2 + observer.names.index("rate")].mean() == pytest.approx(RATE_RAD_S, rel=self.turning)
 
     def test_the_same_samples_are_answered_alike(self) -> None:
         assert self._rows() == self._rows()

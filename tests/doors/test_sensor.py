@@ -101,7 +101,7 @@ def test_a_broken_package_is_one_line_on_the_command_line(broken: str, tmp_path:
 def test_a_broken_package_is_one_line_in_the_library(broken: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=f"^{broken}: {SAYS}; {REMEDY}$"):
         hil.record(broken, out=tmp_path / "runs")
-    with pytest.raises(InputError, match="no adapter of that name; known: ascii, bosch-mm"):
+    with pytest.raises(InputError, match=r"no adapter of that name; known: .*bosch-mm"):
         hil.record("absent:/dev/null", out=tmp_path / "runs")
 
 

@@ -103,3 +103,30 @@ class Law:
             known["dxx"] * vx + known["dxy"] * vy + (known["kxx"] - k) * x + known["kxy"] * y,
             known["dxy"] * vx + known["dyy"] * vy + known["kxy"] * x + (known["kyy"] - k) * y,
         )
+
+
+class Backwards(Own):
+    """Its angle has the wrong sign."""
+
+    def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
+        told = super().observe(sense, applied, imposed)
+        return told._replace(angle=-told.angle)
+
+
+class Adding(Own):
+    """It adds the virtual rotation in place of taking it off."""
+
+    added = 0.0
+
+    def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
+        told = super().observe(sense, applied, imposed)
+        self.added += 2.0 * imposed / self.device.sample_rate_Hz
+        return told._replace(angle=told.angle + self.added)
+
+
+class Slowing(Own):
+    """Its rate is half of what it is."""
+
+    def observe(self, sense: tuple[float, float], applied: tuple[float, float], imposed: float) -> hil.Estimate:
+        told = super().observe(sense, applied, imposed)
+        return told._replace(rate=0.5 * told.rate)

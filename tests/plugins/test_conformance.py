@@ -73,3 +73,12 @@ class TestOneThatForgetsItsLimit(PluginConformance):
     def test_it_asks_for_nothing_beyond_the_limit(self) -> None:
         with pytest.raises(hil.PluginError, match="the limit is"):
             super().test_it_asks_for_nothing_beyond_the_limit()
+
+
+@pytest.mark.parametrize("name", ["Backwards", "Adding", "Slowing"])
+def test_an_observer_whose_angle_or_rate_is_wrong_is_found(name: str) -> None:
+    class Made(PluginConformance):
+        observer = f"{HERE / 'own.py'}:{name}"
+
+    with pytest.raises(AssertionError):
+        Made().test_angle_and_rate_are_the_turn_of_the_board()

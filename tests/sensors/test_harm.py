@@ -23,7 +23,8 @@ from hil.wire.errors import LinkError
 from tests.sensors.test_gyros import ON_LINES, decoder, spoken
 
 TOLD = ("vn100", "xsens", "dmu11", "iim46234")
-"""Whose counter is so wide that it never turns within a gap: going back it began anew."""
+"""Whose counter (2^15 or more values, and no stamp of the bus) never turns within a gap: going back it began anew.  A
+new sensor with such a counter belongs here."""
 
 AFTER = {"stim300": 32, "hg4930": 2, "hg4930s": 2}
 """Samples by which half a turn of a short counter may be off after an outage; of others what came at once."""

@@ -159,11 +159,11 @@ def test_links_of_adapters() -> None:
     port = find_port("stim300:/dev/ttyUSB0?baud=1843200")
     assert (port.path, port.baud, port.adapter.title) == ("/dev/ttyUSB0", 1_843_200, "Sensonor STIM300, STIM318")
     for wrong, told in (
-        ("stim:/dev/ttyUSB0", "no adapter of that name; known: bosch-mm"),
+        ("stim:/dev/ttyUSB0", "no adapter of that name; known: .*bosch-mm"),
         ("stim300:", "no adapter of that name"),
-        ("stim300:/dev/ttyUSB0?baut=1", "bad option; expected stim300:PATH or stim300:PATH?baud=921600"),
+        ("stim300:/dev/ttyUSB0?baut=1", r"bad option; expected stim300:PATH or stim300:PATH\?baud=921600"),
     ):
-        with pytest.raises((InputError, LinkError), match=told.replace("?", r"\?")):
+        with pytest.raises((InputError, LinkError), match=told):
             find_port(wrong)
 
 
