@@ -139,7 +139,8 @@ class Observer(Protocol):
 
     def observe(self, sense: Pair, applied: Pair, imposed: float) -> Estimate:
         """sense (2,) [V], NaN where the sample was lost; applied (2,) [m/s²]: the drive over the interval that ends at
-        the sample; imposed [rad/s]: the virtual rotation of the pattern by it, which is no turn of the board.
+        the sample; imposed [rad/s]: the virtual rotation of the pattern by it, which is no turn of the board; it has
+        the sign of a rate, which turns the azimuth of the pattern by minus as much.
         """
         ...
 

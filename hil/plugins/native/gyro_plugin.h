@@ -60,7 +60,8 @@ typedef struct gyro_plugin_sample {
     int64_t number;           /* 0 for the first */
     double sense_V[2];        /* NaN: lost */
     double applied_mps2[2];   /* held over the interval that ends at the sample */
-    double virtual_rotation_rad_s; /* that the controller imposed by it; no turn of the board */
+    double virtual_rotation_rad_s; /* that the controller imposed by it, with the sign of a rate: the azimuth of the pattern
+                                      turns by minus it; no turn of the board */
     int32_t sense_codes[2];   /* the same in codes; 0 of a lost one */
     int32_t applied_codes[2];
     int32_t lost;
