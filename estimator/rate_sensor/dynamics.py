@@ -1,7 +1,8 @@
 """What time does to a rate on its way: lags, delays, and a reference that is itself a sensor."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, cont2discrete, filtfilt, lfilter, ss2tf
@@ -22,25 +23,46 @@ def _step(record: SensorRecord) -> float:
     return record.step
 
 
-def _filtered(rate: Array, a: Array, b: Array, c: Array, step: float) -> Array:
-    """Response of ẋ = A x + b u, y = c x, of unit gain at rest, to a rate that is straight between its samples."""
-    ad, bd, cd, dd, _ = cont2discrete((a, b, c, np.zeros((1, 1))), step, "foh")
-    numerator, denominator = ss2tf(ad, bd, cd, dd)
-    return np.asarray(rate[0] + lfilter(numerator[0], denominator, rate - rate[0]))
+class Response(NamedTuple):
+    """A response of unit gain at rest from one sample to the next: ẋ = A x + b u, y = c x, with u straight between."""
+
+    numerator: Array
+    denominator: Array
+
+    @classmethod
+    def of(cls, a: Array, b: Array, c: Array, step: float) -> "Response":
+        """Of the system in time."""
+        ad, bd, cd, dd, _ = cont2discrete((a, b, c, np.zeros((1, 1))), step, "foh")
+        numerator, denominator = ss2tf(ad, bd, cd, dd)
+        return cls(numerator[0], denominator)
+
+    def to(self, rate: Array) -> Array:
+        """Of a rate (n,), started at rest with the first sample."""
+        return np.asarray(rate[0] + lfilter(self.numerator, self.denominator, rate - rate[0]))
+
+    def free(self, record: SensorRecord) -> Array:
+        """What a start that was not at rest may add (n, k), a column for each stretch and number that is unknown."""
+        columns = []
+        for stretch in record.stretches:
+            for late in range(len(self.denominator) - 1):
+                column, kick = np.zeros(len(record)), np.zeros(stretch.stop - stretch.start)
+                kick[late : late + 1] = 1.0
+                column[stretch] = lfilter([1.0], self.denominator, kick)
+                columns.append(column)
+        return np.array(columns).T
 
 
-def first_order(rate: Array, tau: float, step: float) -> Array:
-    """Rate behind τ ẏ + y = Ω, started at rest with the first sample."""
-    if tau < _DIES * step:
-        return rate
-    return _filtered(rate, np.array([[-1.0 / tau]]), np.array([[1.0 / tau]]), np.array([[1.0]]), step)
+def first_order(tau: float, step: float) -> Response:
+    """τ ẏ + y = Ω; one that is over within a small part of a step is none."""
+    tau = max(tau, _DIES * step)
+    return Response.of(np.array([[-1.0 / tau]]), np.array([[1.0 / tau]]), np.array([[1.0]]), step)
 
 
-def second_order(rate: Array, frequency: float, damping: float, step: float) -> Array:
-    """Rate behind ÿ + 2ζω ẏ + ω² y = ω² Ω, frequency in Hz."""
+def second_order(frequency: float, damping: float, step: float) -> Response:
+    """ÿ + 2ζω ẏ + ω² y = ω² Ω, frequency in Hz."""
     w = 2.0 * math.pi * frequency
     a = np.array([[0.0, 1.0], [-w * w, -2.0 * damping * w]])
-    return _filtered(rate, a, np.array([[0.0], [w * w]]), np.array([[1.0, 0.0]]), step)
+    return Response.of(a, np.array([[0.0], [w * w]]), np.array([[1.0, 0.0]]), step)
 
 
 def _longest(record: SensorRecord) -> float:
@@ -65,38 +87,12 @@ def _each(record: SensorRecord, rate: Array, act: Callable[[Array], Array]) -> A
     return np.concatenate([act(rate[stretch]) for stretch in record.stretches])
 
 
-def _free(record: SensorRecord, responses: Callable[[Array], Sequence[Array]]) -> Array:
-    """Free responses (n, k) of each stretch, from times (m,) since its first sample; none where it is not that one."""
-    columns = []
-    for stretch in record.stretches:
-        since = record.time[stretch] - record.time[stretch][0]
-        for response in responses(since):
-            column = np.zeros(len(record))
-            column[stretch] = response
-            columns.append(column)
-    return np.array(columns).T
+def _lag(c: Array, record: SensorRecord) -> Response:
+    return first_order(float(c[0]), _step(record))
 
 
-def _decay(c: Array, record: SensorRecord) -> Array:
-    """Of a first-order lag, started elsewhere."""
-    tau = max(float(c[0]), _DIES * _step(record))
-    return _free(record, lambda since: [np.exp(-since / tau)])
-
-
-def _ring(c: Array, record: SensorRecord) -> Array:
-    """Of a second-order low-pass, started elsewhere and at another rate: its two modes, as real functions that stay
-    apart where the damping is critical.
-    """
-    w, zeta = 2.0 * math.pi * float(c[0]), float(c[1])
-    root = np.sqrt(complex(zeta**2 - 1.0))
-
-    def modes(since: Array) -> list[Array]:
-        x = w * since
-        lead, other = np.exp((-zeta + root) * x), np.exp((-zeta - root) * x)
-        apart = (lead - other) / (2.0 * root) if abs(root) > 1e-6 else x * np.exp(-zeta * x)
-        return [np.real(lead + other) / 2.0, np.real(apart)]
-
-    return _free(record, modes)
+def _low_pass(c: Array, record: SensorRecord) -> Response:
+    return second_order(float(c[0]), float(c[1]), _step(record))
 
 
 LAG = Effect(
@@ -105,12 +101,10 @@ LAG = Effect(
     equation="τ ẏ + y = Ω",
     coefficients=(Size("tau", "s", positive=True),),
     stage=Stage.RATE,
-    act=lambda rate, c, record, declared: _each(
-        record, rate, lambda part: first_order(part, float(c[0]), _step(record))
-    ),
+    act=lambda rate, c, record, declared: _each(record, rate, _lag(c, record).to),
     starts=lambda record, declared: _times(record, 2.0, 10.0),
     bounds=_up_to_longest,
-    transient=_decay,
+    transient=lambda c, record: _lag(c, record).free(record),
     source="output filter of one pole",
     compensation="the lag is inverted, at the cost of noise",
     needs="time",
@@ -123,12 +117,10 @@ SECOND_ORDER = Effect(
     equation="ÿ + 2ζω ẏ + ω² y = ω² Ω",
     coefficients=(Size("f", "Hz", positive=True), Size("zeta", "1", positive=True)),
     stage=Stage.RATE,
-    act=lambda rate, c, record, declared: _each(
-        record, rate, lambda part: second_order(part, float(c[0]), float(c[1]), _step(record))
-    ),
+    act=lambda rate, c, record, declared: _each(record, rate, _low_pass(c, record).to),
     starts=lambda record, declared: tuple((0.3 / time, 0.7) for (time,) in _times(record, 10.0, 3.0)),
     bounds=lambda record, declared: ((0.1 / _longest(record), 0.5 / _step(record)), (0.05, 5.0)),
-    transient=_ring,
+    transient=lambda c, record: _low_pass(c, record).free(record),
     source="bandwidth of a vibrating sensor, its demodulator and filter; IEEE Std 1431",
     compensation="the filter is inverted, at the cost of noise",
     needs="time",

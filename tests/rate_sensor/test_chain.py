@@ -51,7 +51,7 @@ def test_a_limit_is_one_of_the_volts_and_of_nothing_before() -> None:
 
 
 def test_a_second_order_is_by_its_frequency_and_its_damping() -> None:
-    expected = (second_order(RATE, 60.0, 0.4, STEP) - RATE) / 6.0
+    expected = (second_order(60.0, 0.4, STEP).to(RATE) - RATE) / 6.0
     np.testing.assert_allclose(volts("second_order", 60.0, 0.4), expected, atol=1e-12)
 
 

@@ -5,12 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.signal
 from scipy.signal import butter, filtfilt
 
 from estimator.rate_sensor.catalogue import EFFECTS, effect_for, names
 from estimator.rate_sensor.chain import RateSensor, noise_floor, volts_of
 from estimator.rate_sensor.declaration import Range, Stage
-from estimator.rate_sensor.dynamics import first_order
+from estimator.rate_sensor.dynamics import first_order, second_order
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import alternate_blocks
 from estimator.scaling import Array
@@ -77,9 +78,23 @@ def test_what_is_late_is_the_rate_of_before_and_a_reference_that_lags_is_led() -
     ramp = 2.0 * TIME / STEP / N
     np.testing.assert_allclose((acted("delay", 2.5 * STEP, rate=ramp) - V0)[5:], S * (ramp - 5.0 / N)[5:])
     np.testing.assert_allclose(acted("reference_lag", 0.01, rate=ramp), V0 + S * (ramp + 0.01 * 2.0 / STEP / N))
-    np.testing.assert_allclose(acted("lag", 0.004), V0 + S * first_order(RATE, 0.004, STEP))
-    np.testing.assert_array_equal(first_order(RATE, 0.9e-6, STEP), RATE)
-    assert np.max(np.abs(first_order(RATE, 1e-5, STEP) - RATE)) > 1e-4
+    np.testing.assert_allclose(acted("lag", 0.004), V0 + S * first_order(0.004, STEP).to(RATE))
+    np.testing.assert_allclose(first_order(0.0, STEP).to(RATE), RATE, atol=2e-3 * np.max(np.abs(np.diff(RATE))))
+    assert np.max(np.abs(first_order(1e-5, STEP).to(RATE) - RATE)) > 1e-4
+
+
+@pytest.mark.parametrize("zeta", [0.3, 1.0, 3.0])
+def test_a_response_that_began_elsewhere_is_one_at_rest_and_a_free_one(zeta: float) -> None:
+    """Beside SciPy's, of a low-pass at 12 Hz and critical damping among others."""
+    w, record = 2.0 * np.pi * 12.0, SensorRecord(RATE, RATE, STEP)
+    system = scipy.signal.lti([w * w], [1.0, 2.0 * zeta * w, w * w]).to_ss()
+    _, shown, _ = scipy.signal.lsim(system, RATE, TIME, X0=[0.02, -1e-4])
+    free = second_order(12.0, zeta, STEP).free(record)
+    missing = shown - second_order(12.0, zeta, STEP).to(RATE)
+    assert free.shape == (N, 2)
+    told = np.linalg.lstsq(free, missing, rcond=None)[0]
+    assert np.max(np.abs(missing)) > 0.1
+    np.testing.assert_allclose(free @ told, missing, atol=1e-9 * np.max(np.abs(missing)))
 
 
 def test_an_output_folds_back_at_its_limits() -> None:
@@ -119,7 +134,7 @@ def test_stages_follow_one_another_whatever_the_order_in_which_effects_were_take
     layout = of.layout(taken)
     values = np.array([V0, S, -0.9, 1.4, 3.0, 0.05, 0.004, 0.002])
     rate = RATE + 0.002 * np.gradient(RATE, STEP)
-    rate = first_order(rate, 0.004, STEP)
+    rate = first_order(0.004, STEP).to(rate)
     volts = V0 + S * (rate + 0.05 * rate**2 / 4.0) + 3.0 * (TIME - TIME.mean())
     np.testing.assert_allclose(of.predicted(layout, values / layout.factor).values, np.clip(volts, -0.9, 1.4))
     assert layout.names == ("V0", "S", "lo", "hi", "r", "q", "tau", "tau_r")
@@ -211,7 +226,7 @@ def test_derivatives_are_those_of_the_law_and_a_signature_is_what_an_effect_adds
     seen = of.evaluate(layout, model, tested={"lag:1": {"tau": 0.004}, "cubic": {}})
     law = np.column_stack([np.ones(N), RATE + 0.03 * RATE**2 / 4.0, S * RATE**2 / 4.0]) * layout.factor
     cubic = S * RATE**3 / 16.0 * 0.5  # by one of half of its bounds
-    slow = first_order(RATE, 0.004, STEP)
+    slow = first_order(0.004, STEP).to(RATE)
     beside = (slow + 0.03 * slow**2 / 4.0)[:, None] ** [0, 1]
     line = np.linalg.lstsq(beside, PLAIN.voltage, rcond=None)[0]
     columns = np.column_stack([law, beside @ line - V0 - S * (RATE + 0.03 * RATE**2 / 4.0), cubic])

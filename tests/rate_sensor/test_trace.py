@@ -196,8 +196,8 @@ def test_an_output_that_folds_back_where_it_is_fitted_is_named():
 def test_filters_are_those_of_lsim():
     t, rate = motion(0.5)
     for ours, system in (
-        (first_order(rate, 0.008, STEP), ([1.0], [0.008, 1.0])),
-        (second_order(rate, 30.0, 0.4, STEP), ([(60 * math.pi) ** 2], [1.0, 48 * math.pi, (60 * math.pi) ** 2])),
+        (first_order(0.008, STEP).to(rate), ([1.0], [0.008, 1.0])),
+        (second_order(30.0, 0.4, STEP).to(rate), ([(60 * math.pi) ** 2], [1.0, 48 * math.pi, (60 * math.pi) ** 2])),
     ):
         _, other, _ = lsim(system, rate - rate[0], t)
         np.testing.assert_allclose(ours, rate[0] + other, atol=1e-9)
