@@ -6,7 +6,7 @@ power of the noise that the sensor takes for amplitude: what is shown is √(a²
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -21,7 +21,7 @@ from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.trace.axes import equations_on
 from estimator.trace.likelihood import Size
-from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows
+from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows, Term
 from estimator.trace.problem import Effects
 
 FLOOR = "noise_floor"
@@ -34,24 +34,17 @@ SHOWN = 0.1
 """Of the declared amplitude, noise that may be taken for it."""
 
 
-@dataclass(frozen=True)
-class Taken:
+@dataclass(frozen=True, kw_only=True)
+class Taken(Term):
     """One thing that an amplitude may show beside linear damping: a law, or, with none, the noise floor.
 
     plausible: size of the coefficient, scaled; factor: SI of one scaled unit; power: of the resonance in it.
     """
 
-    title: str
-    equations: tuple[str, ...]
-    coefficients: tuple[Size, ...]
     plausible: float
     factor: float
     power: int
-    compensation: str
-    look_alikes: Mapping[str, str] = field(default_factory=dict)
     law: Law | None = None
-    signals: tuple[()] = ()
-    generalises: tuple[()] = ()
 
 
 def all_taken(resonator: Resonator) -> dict[str, Taken]:
@@ -59,16 +52,18 @@ def all_taken(resonator: Resonator) -> dict[str, Taken]:
     scaling = resonator.scaling
     found = {
         name: Taken(
-            law.effect.title, (*equations_on(law.effect, 1), law.equation),
-            (Size(law.coefficient.name, law.coefficient.unit, law.coefficient.positive),), law.coefficient.plausible,
-            scaling.coefficient(law.coefficient), 1 + law.coefficient.time, law.effect.compensation.value,
-            law.effect.look_alikes, law,
+            title=law.effect.title, equations=(*equations_on(law.effect, 1), law.equation),
+            coefficients=(Size(law.coefficient.name, law.coefficient.unit, law.coefficient.positive),),
+            compensation=law.effect.compensation.value, look_alikes=law.effect.look_alikes,
+            plausible=law.coefficient.plausible, factor=scaling.coefficient(law.coefficient),
+            power=1 + law.coefficient.time, law=law,
         )
         for name, law in laws(resonator.device.own).items()
     }  # fmt: skip
     found[FLOOR] = Taken(
-        "Noise that the sensor takes for amplitude", ("shown a = sqrt(a**2 + n**2)",), (Size("n", "m", positive=True),),
-        SHOWN**2, scaling.length, 0, "nothing to undo in the device",
+        title="Noise that the sensor takes for amplitude", equations=("shown a = sqrt(a**2 + n**2)",),
+        coefficients=(Size("n", "m", positive=True),), compensation="nothing to undo in the device",
+        plausible=SHOWN**2, factor=scaling.length, power=0,
     )  # fmt: skip
     return found
 

@@ -18,7 +18,7 @@ def _fraction(record: SensorRecord, declared: Range) -> tuple[tuple[float, float
 QUADRATIC = Effect(
     name="quadratic",
     title="Quadratic characteristic",
-    equation="Ω → Ω + q Ω²/R",
+    equations=("Ω → Ω + q Ω²/R",),
     coefficients=(Size("q", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * rate**2 / declared.rate,
@@ -31,7 +31,7 @@ QUADRATIC = Effect(
 CUBIC = Effect(
     name="cubic",
     title="Cubic characteristic",
-    equation="Ω → Ω + c Ω³/R²",
+    equations=("Ω → Ω + c Ω³/R²",),
     coefficients=(Size("c", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * rate**3 / declared.rate**2,
@@ -44,7 +44,7 @@ CUBIC = Effect(
 SCALE_ASYMMETRY = Effect(
     name="scale_asymmetry",
     title="Scale factor that depends on the sense of rotation",
-    equation="Ω → Ω + a |Ω|",
+    equations=("Ω → Ω + a |Ω|",),
     coefficients=(Size("a", "1"),),
     stage=Stage.CHARACTERISTIC,
     act=lambda rate, c, record, declared: c[0] * np.abs(rate),
@@ -62,7 +62,7 @@ def _dead(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Array
 DEAD_BAND = Effect(
     name="dead_band",
     title="Dead band around zero",
-    equation="Ω → 0 within ±b, Ω ∓ b outside",
+    equations=("Ω → 0 within ±b, Ω ∓ b outside",),
     coefficients=(Size("b", "rad/s", positive=True),),
     stage=Stage.CHARACTERISTIC,
     act=_dead,
@@ -77,7 +77,7 @@ DEAD_BAND = Effect(
 HYSTERESIS = Effect(
     name="hysteresis",
     title="Hysteresis",
-    equation="Ω → play(Ω, w): follows at a distance of at most w",
+    equations=("Ω → play(Ω, w): follows at a distance of at most w",),
     coefficients=(Size("w", "rad/s", positive=True),),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: play(rate, float(c[0])),
@@ -106,7 +106,7 @@ def _limit_bounds(record: SensorRecord, declared: Range, beyond: float = 0.02) -
 SATURATION = Effect(
     name="saturation",
     title="Saturation of the output",
-    equation="V → lo below lo, hi above hi",
+    equations=("V → lo below lo, hi above hi",),
     coefficients=(Size("lo", "V"), Size("hi", "V")),
     stage=Stage.LIMIT,
     act=lambda volts, c, record, declared: np.clip(volts, c[0], c[1]),
@@ -128,7 +128,7 @@ def _soft(volts: Array, c: Array, record: SensorRecord, declared: Range) -> Arra
 SOFT_SATURATION = Effect(
     name="soft_saturation",
     title="Saturation of the output with a knee",
-    equation="V → V − w_hi ln(1 + e^((V − hi)/w_hi)) + w_lo ln(1 + e^((lo − V)/w_lo))",
+    equations=("V → V − w_hi ln(1 + e^((V − hi)/w_hi)) + w_lo ln(1 + e^((lo − V)/w_lo))",),
     coefficients=(
         Size("lo", "V"),
         Size("hi", "V"),
@@ -162,7 +162,7 @@ def _folded(volts: Array, c: Array, record: SensorRecord, declared: Range) -> Ar
 FOLD_BACK = Effect(
     name="fold_back",
     title="An output that comes back beyond its limits",
-    equation="V → hi − s (V − hi) above hi, lo + s (lo − V) below lo",
+    equations=("V → hi − s (V − hi) above hi, lo + s (lo − V) below lo",),
     coefficients=(Size("lo", "V"), Size("hi", "V"), Size("s", "1", positive=True)),
     stage=Stage.LIMIT,
     act=_folded,

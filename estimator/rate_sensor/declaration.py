@@ -5,13 +5,13 @@ The base model is V = V0 + S Ω.  The chain around it, in the order in which a s
     reference rate → REFERENCE → RATE → S·(Ω + CHARACTERISTIC) + V0 + SURROUNDINGS → LIMIT → volts
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import IntEnum
 
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
-from estimator.trace.likelihood import Size
+from estimator.trace.output_error import Term
 
 
 class Stage(IntEnum):
@@ -40,8 +40,8 @@ Transient = Callable[[Array, SensorRecord], Array]
 Starts = Callable[[SensorRecord, Range], tuple[tuple[float, ...], ...]]
 
 
-@dataclass(frozen=True)
-class Effect:
+@dataclass(frozen=True, kw_only=True)
+class Effect(Term):
     """One thing that the straight line lacks.
 
     act(signal, coefficients, record, range) → the signal after the stage (REFERENCE, RATE, LIMIT), or what is added to
@@ -50,31 +50,19 @@ class Effect:
     sampling interval), "temperature" (its channel) or nothing; transient(coefficients, record) → (n, k): what a
     response adds that was not at rest where a stretch of the record begins, a column for each number that is unknown;
     reaches(coefficients) → s, how far back a reading hangs on the rate, and on nothing before; path_dependent: a curve
-    all the same; generalises: effects that it is at a bound of its coefficients.
+    all the same.
     """
 
     name: str
-    title: str
-    equation: str
-    coefficients: tuple[Size, ...]
     stage: Stage
     act: Act
     bounds: Callable[[SensorRecord, Range], tuple[tuple[float, float], ...]]
     source: str
-    compensation: str
     starts: Starts = lambda record, declared: ((0.0,),)
     needs: str = ""
-    look_alikes: Mapping[str, str] = field(default_factory=dict)
     transient: Transient | None = None
     reaches: Callable[[Array], float] | None = None
-    signals: tuple[()] = ()
     path_dependent: bool = False
-    generalises: tuple[str, ...] = ()
-
-    @property
-    def equations(self) -> tuple[str, ...]:
-        """The one line."""
-        return (self.equation,)
 
     @property
     def is_curve(self) -> bool:

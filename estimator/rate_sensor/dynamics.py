@@ -98,7 +98,7 @@ def _low_pass(c: Array, record: SensorRecord) -> Response:
 LAG = Effect(
     name="lag",
     title="First-order lag",
-    equation="τ ẏ + y = Ω",
+    equations=("τ ẏ + y = Ω",),
     coefficients=(Size("tau", "s", positive=True),),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: _each(record, rate, _lag(c, record).to),
@@ -114,7 +114,7 @@ LAG = Effect(
 SECOND_ORDER = Effect(
     name="second_order",
     title="Second-order low-pass",
-    equation="ÿ + 2ζω ẏ + ω² y = ω² Ω",
+    equations=("ÿ + 2ζω ẏ + ω² y = ω² Ω",),
     coefficients=(Size("f", "Hz", positive=True), Size("zeta", "1", positive=True)),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: _each(record, rate, _low_pass(c, record).to),
@@ -142,7 +142,7 @@ def _delayed(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Ar
 DELAY = Effect(
     name="delay",
     title="Delay",
-    equation="Ω(t) → Ω(t − τ)",
+    equations=("Ω(t) → Ω(t − τ)",),
     coefficients=(Size("delay", "s", positive=True),),
     stage=Stage.RATE,
     act=_delayed,
@@ -174,7 +174,7 @@ def moving_mean(rate: Array, window: float, step: float) -> Array:
 MOVING_MEAN = Effect(
     name="moving_mean",
     title="Moving mean",
-    equation="Ω → (1/T) ∫ Ω dt over the last T",
+    equations=("Ω → (1/T) ∫ Ω dt over the last T",),
     coefficients=(Size("T", "s", positive=True),),
     stage=Stage.RATE,
     act=lambda rate, c, record, declared: _each(
@@ -200,7 +200,7 @@ def _lead(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Array
 REFERENCE_LAG = Effect(
     name="reference_lag",
     title="First-order lag of the reference",
-    equation="Ω = r + τr ṙ of the reference's reading r",
+    equations=("Ω = r + τr ṙ of the reference's reading r",),
     coefficients=(Size("tau_r", "s", positive=True),),
     stage=Stage.REFERENCE,
     act=_lead,
@@ -226,7 +226,7 @@ def _quiet(rate: Array, c: Array, record: SensorRecord, declared: Range) -> Arra
 REFERENCE_NOISE = Effect(
     name="reference_noise",
     title="Noise of the reference",
-    equation="Ω = the part of the reading below f_r, without phase",
+    equations=("Ω = the part of the reading below f_r, without phase",),
     coefficients=(Size("f_r", "Hz", positive=True),),
     stage=Stage.REFERENCE,
     act=_quiet,

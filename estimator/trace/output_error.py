@@ -6,9 +6,8 @@ record supplies the prediction (`Output`); the rest is the same for all.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Protocol
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,29 +69,19 @@ class OutputLayout(Layout):
         }
 
 
-class Term(Protocol):
-    """What is told of an effect beside what search and checks know of it."""
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """An effect as search, checks and report know it: signals as of `Described`; look_alikes: by effect what tells it
+    apart; generalises: effects that it is at a bound of its coefficients.
+    """
 
-    @property
-    def title(self) -> str: ...
-
-    @property
-    def equations(self) -> tuple[str, ...]: ...
-
-    @property
-    def coefficients(self) -> Sequence[Size]: ...
-
-    @property
-    def signals(self) -> Sequence[object]: ...
-
-    @property
-    def compensation(self) -> str: ...
-
-    @property
-    def look_alikes(self) -> Mapping[str, str]: ...
-
-    @property
-    def generalises(self) -> Sequence[str]: ...
+    title: str
+    equations: tuple[str, ...]
+    coefficients: tuple[Size, ...]
+    compensation: str
+    signals: tuple[()] = ()
+    look_alikes: Mapping[str, str] = field(default_factory=dict)
+    generalises: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
