@@ -203,7 +203,7 @@ def serious_of(of: Stretched, seen: Scores, effects: Effects, margin: float) -> 
     """
     best: dict[str, Score] = {}
     for score in seen.table:
-        worth = score.robust - price(of, score, seen.innovation.size)
+        worth = score.robust - price(of, score, seen.samples)
         if worth > WORTH * margin and not _is_of_the_rate(effects[score.name], score.gain, of, seen):
             best.setdefault(kind(score.name), score)
     return list(best.values())
@@ -218,7 +218,7 @@ def price(of: Stretched, score: Score, samples: int) -> float:
 def _is_of_the_rate(parameters: Mapping[str, float], gain: float, of: Stretched, seen: Scores) -> bool:
     """Whether a line is what a rate leaves that moves otherwise than by a random walk: weak, beside the resonance."""
     beside = abs(parameters.get("omega", 0.0) / float(np.sqrt(of.problem.device.target)) - 1.0) < _BESIDE
-    return beside and gain < _OF_THE_RATE * seen.innovation.size
+    return beside and gain < _OF_THE_RATE * seen.samples
 
 
 def _is_tested(kind: str, label: str) -> bool:

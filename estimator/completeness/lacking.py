@@ -11,7 +11,7 @@ import numpy as np
 from estimator.chance import TWO_SIDED
 from estimator.completeness.answer import Lacking
 from estimator.completeness.constants import Off, shares
-from estimator.completeness.scores import Scores
+from estimator.completeness.scores import Scores, ratio_of
 from estimator.completeness.stretched import Stretched
 from estimator.completeness.turning import Turning
 from estimator.completeness.words import Nearest
@@ -131,8 +131,7 @@ def _ratio_of(of: Stretched, model: FittedModel) -> float:
     """
     quiet = replace(model.model, noise=of.declared_noise())
     seen = of.evaluate(model.layout, quiet, derivatives=False)
-    with np.errstate(all="ignore"):
-        ratio = float(np.sqrt(np.nanmean((seen.innovation / seen.deviation) ** 2)))
+    ratio = ratio_of(seen)
     return ratio if seen.sound and np.isfinite(ratio) else float("inf")
 
 

@@ -23,7 +23,7 @@ class Scores:
     columns: those of each effect, first the constants that the model has; normal (k, k), score (k,): with what the
     model fits beside the constants projected out; plausible (k,) SI sizes; table: each effect that the model has not,
     beside the constants as they are known, the largest gain first; ratio: innovation over what was predicted of it,
-    rms; widening: by how much deviations are larger than the equations say; innovation, deviation (n, axes) V.
+    rms; widening: by how much deviations are larger than the equations say; samples: of both axes together.
     """
 
     columns: Mapping[str, slice]
@@ -33,8 +33,7 @@ class Scores:
     table: tuple[Score, ...]
     ratio: float
     widening: float
-    innovation: Array
-    deviation: Array
+    samples: int
 
     def alike(self, name: str, values: Array) -> list[str]:
         """Effects that could do the same to this record as `name` with these coefficients (c,), SI."""
@@ -72,8 +71,8 @@ def scores_of(of: Stretched, model: FittedModel, tested: Effects, constants: Col
     at_model = slopes.sum(axis=0) * sizes
     about_zero = at_model + normal[:, : len(ours)] @ (model.model.theta[ours] / sizes[: len(ours)])
     return Scores(
-        columns, normal, -about_zero, sizes * np.abs(factor), _table(of, model, seen, tested), _ratio(seen),
-        float(np.sqrt(max(scale, 1.0) * model.scatter)), seen.innovation, seen.deviation,
+        columns, normal, -about_zero, sizes * np.abs(factor), _table(of, model, seen, tested), ratio_of(seen),
+        float(np.sqrt(max(scale, 1.0) * model.scatter)), seen.innovation.size,
     )  # fmt: skip
 
 
@@ -104,7 +103,8 @@ def _table(of: Stretched, model: FittedModel, seen: Evaluation, tested: Effects)
     return tuple(sorted(scores_in(of, beside, model.layout.deviation, tested), key=lambda one: -one.gain))
 
 
-def _ratio(seen: Evaluation) -> float:
+def ratio_of(seen: Evaluation) -> float:
+    """Innovation over what was predicted of it, rms; NaN where nothing was measured."""
     with np.errstate(all="ignore"):
         normalised = (seen.innovation / seen.deviation) ** 2
     return float(np.sqrt(np.nanmean(normalised))) if np.isfinite(normalised).any() else float("nan")

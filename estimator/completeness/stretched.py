@@ -4,21 +4,15 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
-import numpy as np
-
 from estimator.effects.declaration import Coefficient
-from estimator.gaps import observe
-from estimator.observer import Observer
 from estimator.record import Record
-from estimator.scaling import Array, Scaling
-from estimator.settings import Gain, Variant
+from estimator.scaling import Scaling
 from estimator.side_by_side import side_by_side
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, advanced, at, fit, maximise
 from estimator.trace.likelihood import Evaluation, Layout, Model, ObserverLayout
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.search import carried_over
-from estimator.trace.start import begin_moving
+from estimator.trace.search import QUICK, carried_over
 
 
 @dataclass(frozen=True)
@@ -70,19 +64,14 @@ def likelihood_of(problem: Problem, records: Sequence[Record]) -> Stretched:
 
 
 def fitted(of: Stretched, effects: Effects, most: float) -> FittedModel:
-    """The model with these effects where the likelihood is largest, begun from what the bench's own observer finds.
+    """The model with these effects where the likelihood is largest, begun from a fit to its beginning.
 
     A model whose innovation is above `most` times what is predicted of it, rms, lacks something: it has a random force
     in its place, so that the filter follows the motion.
     """
-    layout = of.layout(effects)
-    model = Model(effects, _begun(of.problem, layout, effects), of.declared_noise())
-    found = maximise(of, at(of, layout, model))
-    if _accounts(found, most):
-        return found
-    if not found.evaluation.sound:
-        found = at(of, layout, fit(of.part(slice(0, of.samples)), effects).model)
-    return maximise(of, advanced(of, found))
+    begun = fit(of.part(slice(0, QUICK)), effects)
+    found = maximise(of, at(of, begun.layout, replace(begun.model, noise=of.declared_noise())))
+    return found if _accounts(found, most) else maximise(of, advanced(of, at(of, begun.layout, begun.model)))
 
 
 def beside(of: Stretched, base: FittedModel, constants: Collection[str], most: float) -> FittedModel:
@@ -109,24 +98,3 @@ def first_of(of: Stretched, seen: Evaluation) -> Evaluation:
     """A pass as far as the first stretch goes; of its sums nothing is meant."""
     rows = slice(0, of.samples)
     return replace(seen, innovation=seen.innovation[rows], deviation=seen.deviation[rows])
-
-
-def _begun(problem: Problem, layout: ObserverLayout, effects: Effects) -> Array:
-    """Parameters (k,) as the bench's observer has them at the end of a record; as declared where it diverges."""
-    settings = replace(problem.settings, variant=Variant.FULL, gain=Gain.FADING, effects=effects)
-    observer = Observer(problem.device, settings, problem.controller)
-    begin_moving(observer, problem.record)
-    record = problem.record
-    observe(
-        observer, record.sense, record.drive, record.gaps, step=record.step, every=len(record),
-        temperature=record.channels.get("temperature"),
-    )  # fmt: skip
-    values = dict(zip(observer.names, observer.x, strict=True))
-    theta = np.array([values.get(name, mean) for name, mean in zip(layout.names, layout.mean, strict=True)])
-    theta = np.clip(theta, layout.least, layout.most)
-    far = np.abs(theta - layout.mean) > _FAR * layout.deviation
-    return layout.mean.copy() if not np.all(np.isfinite(theta)) or np.any(far) else theta
-
-
-_FAR = 10.0
-"""Of the declared deviations: an observer that is so far off has lost the motion."""

@@ -175,13 +175,13 @@ def test_a_line_may_come_again_and_another_effect_may_not() -> None:
 )
 def test_a_weak_line_beside_the_resonance_is_what_a_rate_leaves(share: float, power: float, rates: bool) -> None:
     """It must hold a hundredth of the power to be a line."""
-    seen = scores(innovation=np.zeros((1000, 2)))
+    seen = scores(samples=2000)
     line = {"omega": share * math.sqrt(DEVICE.target)}
     assert _is_of_the_rate(line, power * 0.01 * 2000, likelihood(), seen) is rates
 
 
 def test_what_has_no_frequency_is_no_line() -> None:
-    assert not _is_of_the_rate({}, 0.0, likelihood(), scores(innovation=np.zeros((1000, 2))))
+    assert not _is_of_the_rate({}, 0.0, likelihood(), scores(samples=2000))
 
 
 def scores(**known: Any) -> Scores:
@@ -193,8 +193,7 @@ def scores(**known: Any) -> Scores:
         "table": (),
         "ratio": 1.0,
         "widening": 1.0,
-        "innovation": np.ones((4, 2)),
-        "deviation": np.ones((4, 2)),
+        "samples": 8,
     }
     return Scores({"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}, **(usual | known))
 
