@@ -94,7 +94,7 @@ def table(found: Found) -> str:
             "residual over noise floor, on the part held out",
             *(f"{held_out[w]['ratio']:.2f}" for w in ("before", "after")),
         ),
-        (f"angle error, rms, in {turns} turns", *(_milli(one["angle_error_rms_rad"]) for one in (before, after))),
+        (f"angle error, rms, in {turns} rotations", *(_milli(one["angle_error_rms_rad"]) for one in (before, after))),
         ("rate error, rms", *(f"{one['rate_error_rms_rad_s']:.3f} rad/s" for one in (before, after))),
         (f"found: {effects} {names} / {power} {unit}, truth {true}", "", sizes),
     ]

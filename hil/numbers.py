@@ -7,8 +7,9 @@ import math
 from collections.abc import Iterable
 
 from estimator.written import plus_minus as plus_minus
-from estimator.written import power_of_ten, typeset
+from estimator.written import power_of_ten
 from estimator.written import significant as significant
+from estimator.written import typeset as typeset
 
 _PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 PREFIXED = ("V", "rad", "rad/s")

@@ -166,4 +166,4 @@ def _levels(record: Stretches, columns: dict[str, Floats], fit: Fitted) -> Level
     slope = 1.0 + fit.of("scale")
     about = straight.residual - (np.bincount(number, straight.residual) / np.maximum(count, 1))[number]
     spread = np.sqrt(wider(about) * float(np.mean(about**2)) / count[there])
-    return Levels(rate, rate + off / slope, straight.factor * spread / slope)
+    return Levels(rate, rate + off / slope, straight.factor * spread / abs(slope))

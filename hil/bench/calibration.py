@@ -94,8 +94,8 @@ ASSUMED = {
     "angular_gain": Assumed(
         1e-3,
         "1",
-        "a rigid mass has the angular gain 1, by geometry; springs and frame take part in the motion by a few thousandths "
-        "(Lynch, IEEE Std 1431 annex B; Shkel, IEEE PLANS 2006)",
+        "a rigid mass has the angular gain 1, by geometry; springs and frame take part in the motion by a few "
+        "thousandths (Lynch, IEEE Std 1431 annex B; Shkel, IEEE PLANS 2006)",
     ),
     "clock": Assumed(3e-5, "1", "a crystal oscillator within ± 50 ppm over temperature and age"),
     "drive_gain": Assumed(

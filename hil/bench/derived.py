@@ -5,11 +5,12 @@ One list for the terminal, `--json` and the report: a slip of units shows there.
 
 import math
 from collections.abc import Iterator, Mapping
+from fractions import Fraction
 from typing import Any, NamedTuple
 
 from hil.bench.modes import frequencies_Hz, principal
 from hil.bench.tables import Tables
-from hil.numbers import percent, quantity, significant
+from hil.numbers import count, percent, quantity, significant
 
 _PER_UNIT = 1e-9  # of the stiffness, below which its axes have no direction
 
@@ -142,8 +143,9 @@ def _drive(bench: Tables, identity: Mapping[str, Any] | None) -> Iterator[Derive
         "drive_needed_of_limit": sum(needed.values()) / limit,
     }
     if identity is not None:
-        codes = limit / float(identity["drive_scale_mps2"])
-        text += f"; the limit is {significant(codes, 5)} codes"
+        codes = int(bench.drive_limit_mps2 / Fraction(float(identity["drive_scale_mps2"])))
+        codes = min(codes, 2 ** (int(identity["drive_bits"]) - 1) - 1)  # drive codes are symmetric about zero
+        text += f"; the limit is {count(codes)} codes"
         figures |= {"drive_limit_codes": codes}
     yield Derived("drive", text, figures)
 

@@ -32,7 +32,7 @@ def why_missing(found: Line | None, whole: Stretches, record: Axis, stretch_s: f
     shortest = _long(fewest(whole), record, stretch_s)
     why["bias"], why["bias_turn_on"] = f"needs {shortest}", f"needs two records of {shortest}"
     unmoved = (
-        "needs a reference that moves" if whole.reference is not None else "needs a reference: how the device turned"
+        "needs a reference that moves" if whole.reference is not None else "needs a reference: how the device rotated"
     )
     moved = ("scale_factor_error", "scale_factor_nonlinearity", "scale_factor_asymmetry", "bandwidth", "delay")
     why |= dict.fromkeys((*moved, "threshold", "dead_zone", "scale_factor_temperature"), unmoved)
@@ -53,8 +53,10 @@ def why_missing(found: Line | None, whole: Stretches, record: Axis, stretch_s: f
         why["scale_factor_temperature"] = cold
     if whole.pattern is not None:
         share = passed(whole)
-        longer = lasting(len(whole) * stretch_s * LEAST_TURNS / share) if share > 1.0 / 16.0 else "a pattern that turns"
-        every = f"the pattern passed {100.0 * share:.0f} % of half a turn; needs about {longer}"
+        longer = (
+            lasting(len(whole) * stretch_s * LEAST_TURNS / share) if share > 1.0 / 16.0 else "a pattern that rotates"
+        )
+        every = f"the pattern passed {100.0 * share:.0f} % of half a rotation; needs about {longer}"
         why |= {f"{kind}_{k}theta": every for kind in ("bias", "scale_factor") for k in HARMONICS}
         if not whole.moves:
             why |= {f"scale_factor_{k}theta": unmoved for k in HARMONICS}

@@ -40,7 +40,7 @@ def require_words(link: str, what: str, *, given: bool, otherwise: str = "") -> 
 def have_it_turned(turn: "Turn") -> None:
     """Wait until somebody turns the gyro, which no host can; where nobody is at a terminal, say so and go on."""
     how = "You can turn it by hand." if turn.period >= _BY_HAND_S else "Use a rate table, or a longer run by hand."
-    print(f"The gyro has to turn while this is recorded: {turn.text}. {how}", file=sys.stderr)
+    print(f"The gyro has to rotate during this recording: {turn.text}. {how}", file=sys.stderr)
     print(
         "Where its rate changes faster than [observer.process_noise] rate_rad_s_per_rts says, the observer lags.",
         file=sys.stderr,
@@ -48,7 +48,7 @@ def have_it_turned(turn: "Turn") -> None:
     if not _at_terminal():
         print("There is no terminal to ask at, so the recording starts now.", file=sys.stderr)
         return
-    print("Enter when it turns: ", end="", file=sys.stderr, flush=True)
+    print("Enter when it rotates: ", end="", file=sys.stderr, flush=True)
     sys.stdin.readline()
 
 

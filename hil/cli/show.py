@@ -4,7 +4,7 @@ import json
 import math
 import sys
 import textwrap
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -130,15 +130,19 @@ def show_identity(
     """Who answered at ``link``, after a dry run in which bench file and board agreed, and what the bench comes to; the
     remarks are those on its plug-ins.
     """
-    from hil.wire.messages import version_of
+    from hil.wire.messages import Capabilities, version_of
 
     if as_json:
         print_json({"link": link, "identity": identity, **echo_figures(bench, identity), "remarks": list(remarks)})
         return
     print(f"{printable(link)} answers and agrees with the bench file; not armed")
+    written: dict[str, Callable[[int], str]] = {
+        "spec_hash": "{:#010x}".format,
+        "firmware": version_of,
+        "capabilities": lambda bits: ", ".join(one.name or str(one.value) for one in Capabilities(bits)),
+    }
     for name, value in identity.items():
-        shown = version_of(value) if name == "firmware" else value
-        print(printable(f"  {name:<18}{shown}"))
+        print(printable(f"  {name:<18}{written.get(name, str)(value)}"))
     print("from the bench file")
     print_echo(bench, identity)
     for remark in remarks:
@@ -226,7 +230,7 @@ def _print_verdict(paper: Paper, result: "Result") -> None:
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     from hil.boards.emulation import shown
-    from hil.numbers import count, counted, in_both, percent, sensed, signed, significant
+    from hil.numbers import count, counted, in_both, percent, sensed, signed, significant, typeset
 
     if result.link is not None:
         yield "link, clock", f"{shown(result.link)}, {result.clock}"
@@ -265,7 +269,7 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "sensor", f"{sensor.device}, {significant(sensor.sample_rate_Hz, 6)} samples a second by its own clock"
         if sensor.host_rate_Hz is not None:
             apart = 1e6 * (sensor.host_rate_Hz / sensor.sample_rate_Hz - 1.0)
-            yield "its clock beside this machine's", f"{apart:+.0f} ppm"
+            yield "its clock relative to this machine's", f"{typeset(f'{apart:+.0f}')} ppm"
         for axis, channel in sensor.channels.items():
             noise = (
                 ""
@@ -313,7 +317,7 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         yield "by the patent's formula (11)", in_both(angle.plain_rad, "rad", 5)
         imperfection = quantity(angle.control_imperfection_rms_rad, "rad", 2)
-        yield "turn caused by drive forces, rms", f"{imperfection} (already subtracted)"
+        yield "rotation by drive forces, rms", f"{imperfection} (already subtracted)"
 
 
 def _print_parameters(paper: Paper, result: "Result") -> None:

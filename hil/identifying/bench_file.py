@@ -93,7 +93,7 @@ def remarks(found: Findings, mass_kg: float | None) -> dict[tuple[str, str], str
             "device.sense",
             "noise_V",
         ): f"± {significant(2.0 * float(np.max(found.noise_V)) / np.sqrt(2.0 * found.rows), 2)}",
-        ("device.calibration", "angular_gain"): f"{_UNTOLD} of a board at rest: a known turn tells it",
+        ("device.calibration", "angular_gain"): f"{_UNTOLD} of a board at rest: measure it with a known rotation",
         ("device.calibration", "clock_u"): f"{_UNTOLD}: a clock beside the board's tells it",
         ("device.calibration", "drive_gain_u"): "of the product, as measured; the drive's own scale is IDENTITY's word",
         ("device.calibration", "drive_misalignment_u"): "as measured, with the sense channels' cross coupling in it",

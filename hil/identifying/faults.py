@@ -100,7 +100,7 @@ def _signs(found: Findings, declared: Bench | None) -> Iterator[str]:
     elif signs[0] != signs[1]:
         odd = "xy"[signs.index(min(signs))]
         yield (
-            f"x and y respond with unlike signs (that of {odd} is negative): one channel is turned round; "
+            f"x and y respond with unlike signs (that of {odd} is negative): one channel has the wrong sign; "
             "correct the wiring, or declare both gains with --like"
         )
 

@@ -8,6 +8,7 @@ from estimator.identify.fit import Fitted, fit
 from estimator.identify.model import NAMES, Piece
 from estimator.identify.schedule import Table
 from hil.identifying.recording import Sampled
+from hil.numbers import signed
 
 _SURE = 4.0  # standard deviations of a difference
 _TOLD = {"kxx": "stiffness of x", "kyy": "stiffness of y", "dxx": "damping of x", "dyy": "damping of y"}
@@ -33,7 +34,7 @@ def amplitude_dependence(record: Sampled, table: Table, found: Fitted) -> Iterat
     for name, by, of, spread in zip(_TOLD, difference, found.theta[free], u, strict=True):
         if abs(by) > _SURE * spread:
             yield (
-                f"{_TOLD[name]} differs by {100.0 * by / of:+.3g} % (± {200.0 * spread / abs(of):.1g} %) between a "
+                f"{_TOLD[name]} differs by {signed(100.0 * by / of)} % (± {200.0 * spread / abs(of):.1g} %) between a "
                 "large and a small amplitude: hil trace names the effect"
             )
 

@@ -34,7 +34,7 @@ def formula_of(bench: Bench) -> Formula:
         return Formula("rate", f"{own}, without control")
     if bench.controller.enabled:
         return Formula(
-            "pattern", "formula (11), minus the turn by drive forces: the control law makes the gyro isotropic"
+            "pattern", "formula (11), minus the rotation by drive forces: the control law makes the gyro isotropic"
         )
     if not (flaw := _flaw(bench)):
         return Formula("pattern", "formula (11): the declared gyro is isotropic and undamped, so no control is needed")
@@ -51,8 +51,8 @@ def _flaw(bench: Bench) -> str:
     apart = math.hypot(kxx - kyy, 2.0 * kxy) / (2.0 * math.sqrt(bench.target_stiffness_per_s2))
     seconds, limits = bench.loop.duration_s, bench.limits
     if 0.5 * apart * seconds > limits.quadrature:  # what a line along neither mode has become by then
-        return f"its modes, {quantity(apart / (2.0 * math.pi), 'Hz', 2)} apart, turn the pattern"
+        return f"its modes, {quantity(apart / (2.0 * math.pi), 'Hz', 2)} apart, rotate the pattern"
     lost = -math.expm1(-max(damping[:2]) * seconds)
     if lost > limits.energy_error:
-        return f"its damping, which takes {percent(lost)} of the energy, may turn the pattern"
+        return f"its damping, which takes {percent(lost)} of the energy, may rotate the pattern"
     return ""

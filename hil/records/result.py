@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, model_validator
 
-from hil.numbers import percent
+from hil.numbers import percent, significant, typeset
 from hil.records import json_file
 from hil.records.setting import Setting
 
@@ -103,9 +103,10 @@ class BoardClock(json_file.Strict):
         """The relation in one line."""
         if (found := self.relation) is None:
             return f"not compared with the host's; {self.unknown}"
+        skew, offset_s = typeset(f"{found.skew_ppm:+.2f}"), typeset(f"{1e-9 * found.offset_ns:.6f}")
         return (
-            f"{found.skew_ppm:+.2f} ± {found.skew_uncertainty_ppm:.2f} ppm beside the host's, offset "
-            f"{1e-9 * found.offset_ns:.6f} s ± {1e-3 * found.offset_uncertainty_ns:.1f} µs "
+            f"{skew} ± {found.skew_uncertainty_ppm:.2f} ppm relative to the host's, offset "
+            f"{offset_s} s ± {1e-3 * found.offset_uncertainty_ns:.1f} µs "
             f"({found.exchanges} exchanges, the shortest {found.round_trip_us:.1f} µs)"
         )
 
@@ -245,7 +246,7 @@ class Score(json_file.Strict):
 
     window_s: tuple[float, float] = Field(description="First and last scored instant, bench time")
     rows: Count = Field(description="Instants compared")
-    turns: NonNegative = Field(description="True rotation over the window, back and forth added up, in turns")
+    turns: NonNegative = Field(description="True rotation over the window, back and forth added up, in rotations")
     angle_per_rotation: float | None = Field(
         default=None, description="Slope of the reported angle over the true angle; null below half a radian"
     )
@@ -430,7 +431,8 @@ class Reference(json_file.Strict):
         if self.bias is None:
             return f"not compared: {self.unknown}"
         told = [
-            f"{name} {one.value:.4g} ({one.ci95[0]:.4g} to {one.ci95[1]:.4g}) {one.unit}".rstrip()
+            f"{name} {significant(one.value, 4)} ({' to '.join(significant(end, 4) for end in one.ci95)}) "
+            f"{one.unit}".rstrip()
             for name, one in (("scale error", self.scale_error), ("bias", self.bias), ("delay", self.delay))
             if one is not None
         ]

@@ -12,7 +12,7 @@ from hil.report.facts import facts
 from hil.report.material import Material
 from hil.report.verdict import alarm, headline, key_figures, next_step, parts
 
-_ANGLES = "The reported angle φ is +∫Ω dt; the pattern turns the other way in the board's frame, θ = −φ + constant."
+_ANGLES = "The reported angle φ is +∫Ω dt. In the frame of the board the pattern rotates backwards: θ = −φ + constant."
 _INTERVALS = (
     "Scoring starts where the shading of the figures ends. "
     "Bands and intervals are 95 %, from the observer's own covariance."

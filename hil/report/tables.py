@@ -61,7 +61,7 @@ def angle(material: Material) -> str:
     start, stop = score.window_s
     caption = (
         f"Errors over {count(score.rows)} instants from {significant(start)} to {significant(stop)} s, "
-        f"{significant(score.turns)} turns"
+        f"{significant(score.turns)} rotations"
     )
     return table(caption, ("error", "rms", "largest"), rows, (1, 2)) if rows else ""
 

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from hil.numbers import count, counted, in_both, percent, quantity, relative, sensed, share, significant
+from hil.numbers import count, counted, in_both, percent, quantity, sensed, share, significant
 from hil.records.result import Result
 
 _WORDS = {"lacks": "lacks something"}
@@ -82,8 +82,8 @@ def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str
         entries.append(("Rate error", in_both(result.rate_error_rms_rad_s, "rad/s"), remark))
     score = result.score
     if score is not None and score.angle_per_rotation is not None:
-        remark = f"from 1, over {significant(score.turns)} turns"
-        entries.append(("Angle per rotation", relative(score.angle_per_rotation - 1), remark))
+        remark = f"1 is perfect; over {significant(score.turns)} rotations"
+        entries.append(("Angle per rotation", f"{score.angle_per_rotation:.6f}", remark))
     if result.innovation_rms is not None:
         floor = result.noise_floor
         remark = "rms" if not floor else f"rms, {significant(result.innovation_rms / floor)} × the noise floor"
@@ -99,7 +99,7 @@ def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str
 def _findings(result: Result) -> list[str]:
     found: list[str] = []
     if result.angle_error_rms_rad is not None:
-        turned = "" if result.score is None else f" over {significant(result.score.turns)} turns"
+        turned = "" if result.score is None else f" over {significant(result.score.turns)} rotations"
         found.append(f"angle within {quantity(result.angle_error_rms_rad, 'rad')} rms{turned}")
     if result.innovation_rms is not None and result.noise_floor:
         found.append(f"innovation at {significant(result.innovation_rms / result.noise_floor)} × the noise floor")

@@ -401,5 +401,7 @@ class Loop(ABC):
             )
             if 2 * self._behind > self._turns:
                 share = percent(self._behind / self._turns, 0)
-                raise HostTooSlow(f"{told}; this host is too slow: in {share} of its turns samples waited for it")
+                raise HostTooSlow(
+                    f"{told}; this host is too slow: samples were waiting in {share} of the loop iterations"
+                )
             raise ProtocolError(f"{self._name}: {told}; the board's ticks, or the way from it, are too slow")

@@ -16,6 +16,7 @@ import numpy as np
 
 from hil.bench.data_sheet import AT_LEAST, FIGURES
 from hil.errors import InputError
+from hil.numbers import typeset
 from hil.records.junit import Case, junit_xml
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import Plan
@@ -53,11 +54,9 @@ class Change(NamedTuple):
         """In words."""
         where = f" at {self.cell}" if self.cell else ""
         if not math.isfinite(self.low):
-            return f"{self.figure}{where}: {self.change:+.0%} of the runs"
-        return (
-            f"{self.figure}{where}: {self.change:+.1%} ({self.low:+.1%} to {self.high:+.1%}) over {self.runs} runs, "
-            f"chance {self.chance:.1g}"
-        )
+            return f"{self.figure}{where}: {typeset(f'{self.change:+.0%}')} of the runs"
+        change, low, high = (typeset(f"{one:+.1%}") for one in (self.change, self.low, self.high))
+        return f"{self.figure}{where}: {change} ({low} to {high}) over {self.runs} runs, chance {self.chance:.1g}"
 
 
 def read_baseline(place: Path, plan: Plan) -> "pyarrow.Table":

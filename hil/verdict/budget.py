@@ -210,7 +210,7 @@ def _rows(
 
 _GIVEN = "1: as the plug-in gives it"
 _HOW: Mapping[str | None, str] = {
-    None: "1: covariance of the estimate, and of the constants used to subtract the turn by drive forces",
+    None: "1: covariance of the estimate, and of the constants used to subtract the rotation by drive forces",
     CLASSIC: "1: demodulated noise of the loops, and the bias that the declared damping can cause",
 }
 
@@ -221,14 +221,14 @@ def _words(course: SinceZero) -> Mapping[str, str]:
     late = f"{significant(abs(course.stiffness_xy) / 4.0, 4)} rad/s²"
     seconds = quantity(course.seconds, "s")
     return {
-        "drive gain": f"of each axis × half the turn by drive forces, {forced}",
-        "sense gain ratio": f"× half the turn by drive forces, {forced}, and half a radian at the sense output",
-        "sense interface": f"of each axis' amplitude × half the turn by drive forces, {forced}, and half a radian",
+        "drive gain": f"of each axis × half the rotation by drive forces, {forced}",
+        "sense gain ratio": f"× half the rotation by drive forces, {forced}, and half a radian at the sense output",
+        "sense interface": f"of each axis' amplitude × half the rotation by drive forces, {forced}, and half a radian",
         "drive misalignment": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
         "sense cross coupling": f"of each axis × a quarter of the damping, {drag} of both, × {seconds}",
         "drive delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
         "sense delay": f"of each axis × a quarter of the cross-stiffness, {late}, × {seconds}",
-        "clock": f"× twice the turn by drive forces, {forced}",
+        "clock": f"× twice the rotation by drive forces, {forced}",
         "angular gain": f"× rotation, {turned}",
     }
 

@@ -94,7 +94,8 @@ def by_host(result: Result) -> bool:
 
 
 def mishaps(result: Result, counters: Mapping[str, int]) -> list[str]:
-    """What went wrong on the way without ending the run, one line each; `counters` as in result.json."""
+    """What went wrong on the way without ending the run, one line each; `counters` as in result.json.  Late answers are
+    in the table of figures and in the part *machine*."""
     told = []
     answers = result.answers
     if answers is not None and answers.lost_to_host:
@@ -105,12 +106,6 @@ def mishaps(result: Result, counters: Mapping[str, int]) -> list[str]:
     if any(damaged):
         told.append(
             f"damaged frames were dropped, {count(damaged[0])} by the host and {count(damaged[1])} by the board"
-        )
-    if answers is not None and (held := answers.missed):
-        share = percent(held / answers.ticks, 2)
-        told.append(
-            f"{counted(held, 'sample')} ({share}) had no answer in time ({_listed(answers)}); "
-            "the board held its last drive, which the observer knows"
         )
     if rearmed := counters.get("rearmed", 0):
         stopped = "" if answers is None else f"; {_were(answers.stopped)} not taken meanwhile"

@@ -71,6 +71,13 @@ def test_non_linearity_is_the_largest_distance_from_the_best_line():
     )
 
 
+def test_an_interval_of_a_reversed_output_has_its_ends_in_order():
+    """A method that diverged may have a negative scale factor."""
+    turned = steps(np.linspace(-2, 2, 21))
+    found = line(stretches(-0.3 * turned + 0.3 * np.abs(turned) + white(turned.size, 1e-3), turned)).figures()
+    assert all(figure.low <= figure.value <= figure.high for figure in found.values())
+
+
 def test_delay_of_a_slow_motion():
     t = np.arange(6000) / RATE_HZ
     turned = np.sin(2 * np.pi * 0.2 * t)

@@ -108,7 +108,7 @@ def test_turning_waits_for_somebody_at_the_terminal(monkeypatch: pytest.MonkeyPa
     assert "to and fro in 8 s, at most at 0.5 rad/s (28.6 °/s)" in first
     assert first.endswith("You can turn it by hand.")
     assert second.endswith("the observer lags.")
-    assert asked == "Enter when it turns: "
+    assert asked == "Enter when it rotates: "
     assert sys.stdin.read() == "not read\n"
 
 

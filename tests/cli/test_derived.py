@@ -13,6 +13,7 @@ from hil.bench.improbable import questions
 from hil.bench.template import template, values_of
 from hil.records.runfolder import RunFolder
 from hil.report.page import render
+from hil.wire.spec import SPEC
 from tests.cli.conftest import Hil
 from tests.cli.test_bench_file import MINIMAL, bench_file
 from tests.cli.test_field_units import SHEET
@@ -48,8 +49,15 @@ def test_the_figures_are_those_of_the_matrices(tmp_path: Path) -> None:
     assert found["drive_for_mismatch_mps2"] == pytest.approx(max(abs(stiffness - target)) * 1e-4)
     rest = max(damping) * math.sqrt(target) * 1e-4 + 2 * 3 * math.sqrt(target) * 1e-4
     assert found["drive_needed_of_limit"] == pytest.approx((max(abs(stiffness - target)) * 1e-4 + rest) / 10.0)
-    assert found["drive_limit_codes"] == pytest.approx(10.0 / 1e-3)
+    assert found["drive_limit_codes"] == 9_999  # the double 1e-3 is a little more than a thousandth
     assert found["loop_rate_Hz"] == 4000
+
+
+def test_the_drive_limit_in_codes_has_a_negative(tmp_path: Path) -> None:
+    """Full scale is 2^15 codes, and the largest code 2^15 − 1 (docs/wire.md)."""
+    bench = of(tmp_path, MINIMAL)
+    found = figures_of(derived(bench, IDENTITY | {"drive_scale_mps2": 10.0 / 2**15}))
+    assert found["drive_limit_codes"] == 32_767
 
 
 def test_in_gain_mode_the_loop_is_closed_once_a_block(tmp_path: Path) -> None:
@@ -124,6 +132,8 @@ def test_a_dry_run_prints_the_same_as_the_report_and_as_json(hil: Hil, tmp_path:
     assert told["derived"] == figures_of(lines)
     assert told["questions"] == []
     assert "11 600 codes" in out.replace("\u202f", " ")
+    assert f"  spec_hash         {SPEC.hash:#010x}\n" in out
+    assert "  capabilities      FORCE_MODE, GAIN_MODE, LOCKSTEP" in out
 
 
 @pytest.mark.moderate

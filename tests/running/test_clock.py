@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil.records.capture import TIME_LOCKSTEP, TIME_RUNNING
-from hil.records.result import Result
+from hil.records.result import BoardClock, ClockRelation, Result
 from hil.records.runfolder import RunFolder
 from hil.running.clock import ClockExchanges
 from hil.running.request import RunRequest
@@ -160,6 +160,15 @@ def recorded(bench: Any, link: str, out: Path) -> tuple[RunFolder, Result]:
     assert done.result is not None
     assert done.capture is not None
     return done, done.result
+
+
+def test_a_relation_is_written_with_a_minus_that_is_one() -> None:
+    relation = ClockRelation(
+        at_host_ns=0, offset_ns=-1_500_000, offset_uncertainty_ns=2000, skew_ppm=-0.13, skew_uncertainty_ppm=0.02,
+        skew_bound_ppm=0.1, round_trip_us=12.0, exchanges=50, used=10,
+    )  # fmt: skip
+    line = BoardClock(time_base=TIME_RUNNING, relation=relation).line
+    assert line.startswith("−0.13 ± 0.02 ppm relative to the host's, offset −0.001500 s")
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ def ran_for(seconds: float, *, behind: int, turns: int, lockstep: bool = False) 
 def test_a_host_that_samples_wait_for_blames_itself() -> None:
     with pytest.raises(HostTooSlow) as raised:
         ran_for(6.1, behind=51, turns=100)
-    assert str(raised.value).endswith("this host is too slow: in 51\u00a0% of its turns samples waited for it")
+    assert str(raised.value).endswith("this host is too slow: samples were waiting in 51\u00a0% of the loop iterations")
     assert "the run of 4 s was not over after 6 s, [limits] overtime is 0.25" in str(raised.value)
     assert "board" not in str(raised.value)
 

@@ -190,7 +190,7 @@ def test_what_nobody_declared_is_a_row_too() -> None:
     assert rows["drive gain"].contribution_rad == pytest.approx(0.01 * math.hypot(12.0, 12.0))
     assert "the record leaves" in rows["drive gain"].sensitivity
     assert re.search(
-        r"half the turn by drive forces, [\d.]+\u00a0m?rad = [\d.]+\u00a0[mµ]?rad; ", rows["drive gain"].sensitivity
+        r"half the rotation by drive forces, [\d.]+\u00a0m?rad = [\d.]+\u00a0[mµ]?rad; ", rows["drive gain"].sensitivity
     )
     assert "the record leaves" not in rows["angular gain"].sensitivity  # κ Ω is what Ω is
     without = {row.source for row in budget(estimates(), declared).uncertainty}
