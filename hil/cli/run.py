@@ -169,7 +169,7 @@ def _show_what_is_held(bench: "Bench", url: str) -> None:
     from hil.running.started import measured
 
     if is_emulated(url):
-        with watching("what this machine holds") as watch:
+        with watching("measure late answers") as watch:
             found = measured(bench, url, watch, becomes="would be started")
             print(printable(f"machine    {found.words}"))
         return

@@ -252,7 +252,7 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
     if result.ledger_us is not None:
         yield "sample to effect p50, p99, p99.9", result.ledger_us.total.line
     if result.holds is not None:
-        yield "this machine holds", result.holds.line
+        yield "setting for this machine", result.holds.line
     if result.board_clock is not None:
         yield "board's clock", result.board_clock.line
     if result.reference is not None:

@@ -39,7 +39,7 @@ def rehearse(bench: Bench, link: str, progress: Watcher) -> tuple[Lateness, int]
     )
 
     def told(progressed: Progress) -> None:
-        progress(progressed._replace(stage="rehearse") if progressed.stage == "run" else progressed)
+        progress(progressed._replace(stage="measure") if progressed.stage == "run" else progressed)
 
     with tempfile.TemporaryDirectory() as aside, served(link, seed=bench.loop.seed, progress=progress) as board:
         order = Order(short.model_dump_json(), board.url, aside)

@@ -83,7 +83,8 @@ def _chosen(
     before = late.share(was.waits_s, bench.loop.duration_s)
     limit = percent(bench.limits.late_fraction, 2)
     words = (
-        f"{told}: {was.words} gives {percent(before.expected, 2)} late answers (limit {limit}, [limits] late_fraction)"
+        f"{told}: {was.words} gives {percent(before.expected, 2)} late answers (limit {limit}, [limits] late_fraction; "
+        "wanted: at most a third)"
     )
     best = held(late, bench, own, after=after)
     if best is None:
