@@ -21,6 +21,7 @@ from estimator.missing_force.smoother import Smoothed, chosen, smooth
 from estimator.observer import Estimates
 from estimator.scaling import Scaling
 from estimator.settings import Sensed
+from estimator.trace.chosen import REFINED
 from estimator.trace.examination import examine
 from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import ObserverLayout, observer_of
@@ -31,17 +32,16 @@ from estimator.trace.result import Judged
 from estimator.trace.start import begin_moving
 from estimator.trace.trace import judged_on
 
-_BEFORE, _AFTER = 120_000, 80_000  # samples on either side of the split
 _UNEVEN = 1e-3  # largest spread of the steps
 
 
 def missing_force(problem: Problem, split: int) -> MissingForce:
     """The force that the model of `problem` lacks; its form chosen before `split`, judged behind it.
 
-    Of a long record the 120,000 samples before the split and the 80,000 behind it are looked at.  Raises ModelError
-    where a channel shows no displacement, the samples are not evenly spaced, or no filter follows the record.
+    Of a long record as much is looked at on either side of the split as a trace fits.  Raises ModelError where a
+    channel shows no displacement, the samples are not evenly spaced, or no filter follows the record.
     """
-    first, last = max(split - _BEFORE, 0), min(split + _AFTER, len(problem.record))
+    first, last = max(split - REFINED, 0), min(split + REFINED, len(problem.record))
     problem, split = problem.part(slice(first, last)), split - first
     step = problem.record.step[1:]
     if any(sensed is not Sensed.DISPLACEMENT for sensed in problem.device.sensed):
