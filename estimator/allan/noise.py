@@ -14,6 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from estimator.allan.deviation import AllanDeviation, Floats, Ints
+from estimator.chance import TWO_SIDED
 
 Term = Literal["quantisation", "white", "flicker", "rate random walk", "ramp"]
 
@@ -41,7 +42,6 @@ _CLEAR = 8.0  # where a filter was seen, the fit begins so much later: what it t
 _NEAR = 1.1  # times the lowest place of the curve
 _SHOWN = 2.0  # standard deviations that a term adds somewhere, or it is left out
 _WEIGHED = 0.005  # share to which any point is believed: nothing is that pure a sum
-_TWO_SIDED = 1.959964  # half width of a 95 % interval in standard deviations
 _LEAST_SPAN = 10.0  # longest cluster over the shortest one fitted, where a filter is left out
 
 
@@ -199,7 +199,7 @@ def _apart(curve: AllanDeviation, fit: Fit, term: Term) -> tuple[float, float]:
     at = fit.terms.index(term)
     row = inverse[at] / scale[at]
     square = float(row @ (curve.deviation[inside] ** 2 * weight))
-    half = _TWO_SIDED * float(np.sqrt(repeated * row @ row))
+    half = TWO_SIDED * float(np.sqrt(repeated * row @ row))
     return float(np.sqrt(max(square - half, 0.0))), float(np.sqrt(max(square + half, 0.0)))
 
 

@@ -13,11 +13,13 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from estimator.chance import TWO_SIDED
+
 Floats = npt.NDArray[np.float64]
 
 _STRETCHES = (100, 20)
-_SURELY, _TWO_SIDED = 20.0, 1.959964
-"""Standard deviations beyond which a length is normal; half width of a 95 % interval of one that is."""
+_SURELY = 20.0
+"""Standard deviations beyond which a length is normal."""
 _INFLATED = 10.0
 """Variance inflation above which a coefficient is not told apart from those before it: Kutner, Nachtsheim, Neter & Li,
 Applied Linear Statistical Models, 5th ed., section 10.5."""
@@ -42,9 +44,9 @@ class Estimate(NamedTuple):
         at neither end: of none the length is above 0 too, and Rice-distributed. One found below the median of none
         denies no more than that would. Few degrees of freedom widen the deviation as they do Student's.
         """
-        size, wide = math.hypot(first, second), sd * _quantile(freedom) / _TWO_SIDED
+        size, wide = math.hypot(first, second), sd * _quantile(freedom) / TWO_SIDED
         if not wide > size / _SURELY:
-            return cls(size, size - _TWO_SIDED * wide, size + _TWO_SIDED * wide)
+            return cls(size, size - TWO_SIDED * wide, size + TWO_SIDED * wide)
         from scipy.optimize import brentq
         from scipy.stats import ncx2
 

@@ -3,6 +3,7 @@ Data, 4th ed., table 9.6)."""
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.characteristics.regression import Estimate, Floats
 
 _COHERENT = 0.6
@@ -39,9 +40,9 @@ def response(rate: Floats, reference: Floats, sample_rate_Hz: float) -> dict[str
     low = at <= max(at[0] * 3.0, at[-1] / 10.0)
     weight = (2.0 * np.pi * at[low] / np.maximum(off[low], 1e-9)) ** 2
     delay = float(-np.sum(weight * phase[low] / (2.0 * np.pi * at[low])) / weight.sum())
-    found["delay"] = Estimate.about(delay, 1.96 / float(np.sqrt(weight.sum())))
+    found["delay"] = Estimate.about(delay, TWO_SIDED / float(np.sqrt(weight.sum())))
     start = float(np.median(gain[: max(2, low.sum() // 2)]))
-    crossing = [_crossing(at, gain * (1.0 + sign * 1.96 * off) / start) for sign in (-1.0, 0.0, 1.0)]
+    crossing = [_crossing(at, gain * (1.0 + sign * TWO_SIDED * off) / start) for sign in (-1.0, 0.0, 1.0)]
     least, value, most = crossing
     if value is not None:
         found["bandwidth"] = Estimate(value, least or value, most or float(at[-1]))

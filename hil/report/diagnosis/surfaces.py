@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.chance import TWO_SIDED
 from estimator.missing_force.result import MissingForce
 from estimator.scaling import Array
 
@@ -18,7 +19,6 @@ _FEWEST = 8  # samples, or stretches, of a bin
 _INDEPENDENT = 16.0  # cycles after which errors of the force are taken for others
 _STRETCH = 4.0  # cycles that a part in step is taken over
 _EDGE = 0.002  # of the samples at either end that bins leave out
-_TWO_SIDED = 1.96
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ def _curve(
         visits = len(np.unique((rows[own] / max(independent, 1.0)).astype(int)))
         at.append(float(np.mean(against[own])))
         mean.append(float(np.mean(values[own])))
-        half.append(_TWO_SIDED * float(np.sqrt((np.var(values[own]) + deviation**2) / visits)))
+        half.append(TWO_SIDED * float(np.sqrt((np.var(values[own]) + deviation**2) / visits)))
     if len(at) < 3:
         return None
     middle, wide = np.array(mean), np.array(half)
