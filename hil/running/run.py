@@ -143,7 +143,8 @@ def run(
             except OSError as error:
                 why = line_of(error)
                 with suppress(OSError):  # a full disk may have room for as little
-                    save_result(RunFolder(folder).result_path, _result_so_far(folder, bench, outcome, link, why))
+                    so_far = _result_so_far(folder, bench, outcome, link, request.note, why)
+                    save_result(RunFolder(folder).result_path, so_far)
                 raise InputError(
                     f"{why}; {said}; {_on_disk(folder, bench)}, in {folder.name}, without figures"
                 ) from None
@@ -179,7 +180,9 @@ def _on_disk(folder: Path, bench: Bench) -> str:
     return on_disk(RunFolder(folder).capture_path).told(round(bench.loop.duration_s * bench.device.sample_rate_Hz))
 
 
-def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: str | None, why: str) -> Result:
+def _result_so_far(
+    folder: Path, bench: Bench, outcome: dict[str, Any], link: str | None, note: str | None, why: str
+) -> Result:
     """What is known of a run without figures, by what is on disk; why: there are none."""
     counters = outcome.get("counters", {})
     there = on_disk(RunFolder(folder).capture_path)
@@ -196,6 +199,7 @@ def _result_so_far(folder: Path, bench: Bench, outcome: dict[str, Any], link: st
         counters=counters,
         verdict="unsafe" if safety.outcome == "unsafe" else "interrupted",
         parts={"safety": safety},
+        operator_note=note,
         reasons=(*told, f"{why}; {_on_disk(folder, bench)}: `hil replay` computes its figures"),
         complete=there.complete,
     )
@@ -265,7 +269,7 @@ def conclude(
             figures = f"its figures are in {result.name}, its report is not drawn"
             if not result.exists():
                 if link is not None:
-                    save_result(result, _result_so_far(folder, bench, outcome, link, _UNFINISHED))
+                    save_result(result, _result_so_far(folder, bench, outcome, link, note, _UNFINISHED))
                 figures = "its figures and report are not made: `hil replay` gives them"
             there = on_disk(RunFolder(folder).capture_path).told() if link is None else _on_disk(folder, bench)
             raise Interrupted(f"{there}: {folder}; {figures}") from None

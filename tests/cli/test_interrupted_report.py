@@ -22,7 +22,7 @@ ENDS_S = 2.0
 def test_a_run_ends_at_once_and_says_what_is_there(
     start: Start, short_bench: str, tmp_path: Path, stage: str, after_s: float, number: signal.Signals
 ) -> None:
-    host = start("run", short_bench, "--link", "inproc:s-slow")
+    host = start("run", short_bench, "--link", "inproc:s-slow", "--note", "after the shock")
     wait_for(host, stage)
     time.sleep(after_s)
     if host.poll() is not None:
@@ -41,6 +41,7 @@ def test_a_run_ends_at_once_and_says_what_is_there(
     assert f"the record is whole: runs/{folder.name}; " in told[0]
     assert told[1] == "hil: interrupted"
     assert result.complete
+    assert result.operator_note == "after the shock"
     assert result.samples == 12000
     assert not (folder / "report.html").exists()
     if result.verdict == "interrupted":
