@@ -1,6 +1,6 @@
 """The scan that closes every run: what the model lacks, what the record excludes, how far the angle may be off."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
@@ -14,11 +14,12 @@ from estimator.completeness.lacking import HARMLESS, Taken, leading, taken_toget
 from estimator.completeness.scores import Scores, scores_of
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.stretched import Stretched, beside, first_of, fitted, likelihood_of
-from estimator.completeness.turning import Turning, followed, instants
+from estimator.completeness.turning import Turning, followed, instants, moved
 from estimator.completeness.words import Nearest, in_words
 from estimator.effects.labels import kind, searched_by
 from estimator.effects.search import Search
 from estimator.errors import ModelError
+from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
 from estimator.side_by_side import together
 from estimator.trace.checks import disturbed_by
@@ -139,8 +140,12 @@ def _scanned(
     progress("scan", 1, rounds)
     seen, turning = together(
         lambda: scores_of(of, base, effects, constants),
-        lambda: turning_of(stretches, device, run.settings, run.controller, tested, scored_s),
+        lambda: turning_of(stretches, run, tested, scored_s),
     )
+
+    def move(effects: Effects) -> Array:
+        return course_of(stretches, run, scored_s, lambda problem: moved(problem, effects))[1][:, 0]
+
     ratio = seen.ratio
     lacks: tuple[Lacking, ...] = ()
     nearest: Nearest | None = None
@@ -148,7 +153,7 @@ def _scanned(
     for done in range(_ROUNDS):
         progress("scan", 2 + done, rounds)
         serious = serious_of(of, seen, effects, margin)
-        found = leading(of, base, seen, serious, turning, limits.innovation_ratio, margin) if serious else None
+        found = leading(of, base, seen, serious, turning, move, limits.innovation_ratio, margin) if serious else None
         if isinstance(found, Nearest):
             nearest = found
         elif found is not None and found.angle.high >= HARMLESS * limits.angle_rad:
@@ -227,27 +232,37 @@ def _is_tested(kind: str, label: str) -> bool:
     return labels is None or label in labels
 
 
-def turning_of(
-    stretches: Sequence[Stretch],
-    device: Device,
-    settings: ObserverSettings,
-    controller: ControllerSettings | None,
-    tested: Effects,
-    scored_s: tuple[float, float],
-) -> Turning:
-    """The angle's sensitivity to every tested coefficient, as the run's own observer has it."""
+def turning_of(stretches: Sequence[Stretch], run: Problem, tested: Effects, scored_s: tuple[float, float]) -> Turning:
+    """The angle's sensitivity to every tested coefficient, as the observer of `run` has it."""
+    columns: dict[str, slice] = {}
+
+    def follow(problem: Problem) -> Array:
+        found, course = followed(problem, tested)
+        columns.update(found)
+        return course
+
+    time, sensitivity = course_of(stretches, run, scored_s, follow)
+    return Turning(columns, time, sensitivity, np.zeros(len(time)), np.zeros(len(time)))
+
+
+def course_of(
+    stretches: Sequence[Stretch], run: Problem, scored_s: tuple[float, float], follow: Callable[[Problem], Array]
+) -> tuple[Array, Array]:
+    """Time (m,) and course (m, k) over the scored window of what `follow` has (instants, k) of a stretch's angle, with
+    the observer of `run`.
+    """
+    device, settings, controller = run.device, run.settings, run.controller
     if settings.gain is Gain.STATIONARY:  # its table would have to be made anew; it was made from such a filter
         settings = replace(settings, gain=Gain.FADING)
     times, courses = [], []
     # One that ends before the scored window says nothing of the angle in it, and turns while the observer settles.
     for stretch in [one for one in stretches[:-1] if one.end_s > scored_s[0]] + [stretches[-1]]:
-        columns, course = followed(Problem(stretch.record, device, settings, controller), tested)
+        course = follow(Problem(stretch.record, device, settings, controller))
         time = stretch.begin_s + np.cumsum(stretch.record.step)[instants(len(stretch.record))]
         settled = time >= min(settled_s(stretch, settings, device, scored_s[0]), time[-1])
         times.append(time[settled])
         courses.append(course[settled])
-    time, sensitivity = joined(times, courses, scored_s[0], scored_s[1])
-    return Turning(columns, time, sensitivity, np.zeros(len(time)), np.zeros(len(time)))
+    return joined(times, courses, *scored_s)
 
 
 def information_of(seen: Scores, turning: Turning, of: Stretched) -> Information:

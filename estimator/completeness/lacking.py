@@ -3,7 +3,7 @@
 Far from the truth a score test is a rough guide, so those that come into question are each fitted once.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +22,8 @@ from estimator.scaling import Array
 from estimator.settings import Device
 from estimator.trace.checks import covariance
 from estimator.trace.fit import FittedModel
+from estimator.trace.named import effects_of
+from estimator.trace.problem import Effects
 from estimator.trace.score_test import Score
 from estimator.trace.search import SHORTLIST, first_possible, fitted_candidates, gain_of
 
@@ -50,6 +52,7 @@ def leading(
     seen: Scores,
     serious: Sequence[Score],
     turning: Turning,
+    move: Callable[[Effects], Array],
     enough: float,
     margin: float,
 ) -> Taken | Nearest | None:
@@ -57,7 +60,8 @@ def leading(
     the log-likelihood); the nearest where the innovation stays above `enough` times what is predicted of it, rms.
 
     Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
-    of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.
+    of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.  `move` has
+    how far (m,) effects as large as they are move the angle.
     """
     best = first_possible(of, fitted_candidates(of, base, serious[:SHORTLIST]))
     if best is None or not best[1].surplus_over(base) > margin:
@@ -68,17 +72,22 @@ def leading(
         return Nearest(kind(name), ratio)
     if not gain_of(of, model, name) > margin:  # else it is the noise of the base model that is not fitted
         return None
-    return _taken_alone(of, name, model, model.rise_over(base), seen, turning)
+    return _taken_alone(of, name, model, model.rise_over(base), seen, turning, move({name: effects_of(model)[name]}))
 
 
-def _taken_alone(of: Stretched, name: str, model: FittedModel, gain: float, seen: Scores, turning: Turning) -> Taken:
+def _taken_alone(
+    of: Stretched, name: str, model: FittedModel, gain: float, seen: Scores, turning: Turning, moved: Array
+) -> Taken:
     effect, layout = of.effect(name), model.layout
     places = layout.of(name)[: len(effect.coefficients)]
     factor = layout.factor[places]
     values, spread = model.model.theta[places] * factor, covariance(model)[np.ix_(places, places)]
     spread = spread * np.outer(factor, factor)
     half = TWO_SIDED * np.sqrt(np.diagonal(spread))
-    angle = angle_of(turning.of(name), values, spread)
+    shift, deviation = turning.course([name], values, spread)
+    if np.all(np.isfinite(moved)):  # else the run's observer loses the motion with it: the derivative is what there is
+        shift = moved
+    angle = largest(shift, deviation)
     lacking = Lacking(
         effect=kind(name),
         title=effect.title,
@@ -90,7 +99,7 @@ def _taken_alone(of: Stretched, name: str, model: FittedModel, gain: float, seen
         angle=angle,
         alike=tuple(dict.fromkeys(kind(o) for o in seen.alike(name, values) if kind(o) != kind(name))),
     )
-    return Taken((lacking,), angle, *turning.course([name], values, spread), model)
+    return Taken((lacking,), angle, shift, deviation, model)
 
 
 def taken_together(off: Off, turning: Turning, device: Device, harmless: float) -> Taken:
@@ -101,7 +110,7 @@ def taken_together(off: Off, turning: Turning, device: Device, harmless: float) 
     found, names = off.found, list(off.places)
     shift, deviation = turning.course(names, found.mean, found.covariance)
     at = int(np.argmax(np.abs(shift)))
-    angle = _interval(float(abs(shift[at])), float(deviation[at]))
+    angle = largest(shift, deviation)
     g = found.sensitivity[at if angle.high >= harmless else -1]
     sizes = shares(g * found.mean * float(g @ found.mean), off.places)
     spreads = shares(g * (found.covariance @ g), off.places)
@@ -135,13 +144,10 @@ def _ratio_of(of: Stretched, model: FittedModel) -> float:
     return ratio if seen.sound and np.isfinite(ratio) else float("inf")
 
 
-def angle_of(moves: Array, values: Array, covariance: Array) -> Interval:
-    """How far the angle is off, at the instant where that is most, for coefficients with that covariance; moves (m, k)
-    rad per SI unit.
-    """
-    shift = moves @ values
+def largest(shift: Array, deviation: Array) -> Interval:
+    """How far the angle is off, at the instant where that is most; shift and its deviation (m,) rad."""
     at = int(np.argmax(np.abs(shift)))
-    return _interval(float(abs(shift[at])), float(np.sqrt(moves[at] @ covariance @ moves[at])))
+    return _interval(float(abs(shift[at])), float(deviation[at]))
 
 
 def _interval(size: float, deviation: float) -> Interval:

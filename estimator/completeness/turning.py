@@ -11,7 +11,8 @@ from estimator.core.following import Portion, Signatures, scan_block
 from estimator.core.layout import OUTPUT
 from estimator.observer import Observer
 from estimator.scaling import Array
-from estimator.side_by_side import stop_if_abandoned
+from estimator.side_by_side import stop_if_abandoned, together
+from estimator.trace.observed import run
 from estimator.trace.problem import Effects, Problem
 
 INSTANTS = 512
@@ -52,6 +53,21 @@ def instants(samples: int) -> NDArray[np.int64]:
     """Samples (m,) after which a sensitivity is kept, evenly over so many of them."""
     count = min(INSTANTS, samples)
     return np.ceil(np.arange(1, count + 1) * samples / count).astype(np.int64) - 1
+
+
+def moved(problem: Problem, effects: Effects) -> Array:
+    """How far (instants, 1) the angle that the observer of `problem` reports moves, rad, with these effects beside its
+    own, coefficients and parameters SI, as large as they are.
+    """
+
+    def angle(beside: Effects) -> Array:
+        including = problem.carrying({**problem.effects, **beside})
+        observer = Observer(including.device, including.settings, including.controller)
+        observer.hold([c.name for _, effect in observer.effects if effect.name in beside for c in effect.coefficients])
+        return run(observer, problem.record).angle[instants(len(problem.record)), None]
+
+    without, included = together(lambda: angle({}), lambda: angle(effects))
+    return included - without
 
 
 def followed(problem: Problem, tested: Effects) -> tuple[dict[str, slice], Array]:

@@ -297,8 +297,7 @@ class Lacking(json_file.Strict):
     effect: str
     coefficients: dict[str, Parameter]
     angle_rad: NonNegative = Field(
-        description="How far the reported angle is off without it, where that is most over the scored window, by its "
-        "derivative: no bound; `hil trace` tells the change itself"
+        description="How far the reported angle is off without it, where that is most over the scored window"
     )
     angle_ci95: tuple[float, float] = Field(description="95 % interval, [low, high]")
     alike: tuple[str, ...] = Field(default=(), description="Effects that this record cannot tell from it")

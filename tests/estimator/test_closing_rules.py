@@ -21,7 +21,7 @@ from estimator.completeness.closing import (
 )
 from estimator.completeness.constants import calibrated_effects, off, shares
 from estimator.completeness.information import Information, ScannedCoefficient
-from estimator.completeness.lacking import HARMLESS, angle_of
+from estimator.completeness.lacking import HARMLESS, largest
 from estimator.completeness.scores import Scores
 from estimator.completeness.stretch import Stretch
 from estimator.completeness.stretched import Stretched, likelihood_of
@@ -112,7 +112,8 @@ def test_the_angle_is_off_by_what_the_coefficients_move_it_at_its_worst() -> Non
     """Against SciPy: the 95 % interval of a normal combination of two coefficients that go with each other."""
     moves = np.array([[0.0, 0.0], [1.0, -2.0], [-3.0, 1.0]])
     values, covariance = np.array([0.4, 0.1]), np.array([[4e-3, 1e-3], [1e-3, 9e-3]])
-    found = angle_of(moves, values, covariance)
+    time, none = np.arange(3.0), np.zeros(3)
+    found = largest(*Turning({"a": slice(0, 2)}, time, moves, none, none).course(["a"], values, covariance))
     drawn = multivariate_normal(values, covariance, seed=1).rvs(400_000) @ moves[2]
     assert found.value == pytest.approx(1.1)  # −3 × 0.4 + 0.1, whichever way
     low, high = norm.interval(0.95, 1.1, drawn.std())
@@ -120,7 +121,7 @@ def test_the_angle_is_off_by_what_the_coefficients_move_it_at_its_worst() -> Non
 
 
 def test_the_interval_of_a_size_does_not_go_below_nothing() -> None:
-    assert angle_of(np.array([[1.0]]), np.array([-0.01]), np.array([[1.0]])).low == 0.0
+    assert largest(np.array([-0.01]), np.array([1.0])).low == 0.0
 
 
 def turning() -> Turning:
@@ -231,7 +232,7 @@ def lacking(effect: str, angle: float, alike: tuple[str, ...] = ()) -> Lacking:
 
 def test_what_is_lacking_is_named_with_size_and_angle() -> None:
     words = in_words([lacking("drive_gain", 0.31, ("sense_gain",))], [[lacking("clipping", 0.01)]], [], 30)
-    first, second = words.split("; the angle is off by about 0.31 rad (linearised); ")
+    first, second = words.split("; the angle is off by 0.31 rad; ")
     assert first == "lacks drive_gain (or sense_gain): hx = −0.0200 ± 0.0010, tx = (3.0 ± 1.0) × 10⁻⁶ s"
     assert second.startswith("small effect found: clipping, negligible: hx")
 
@@ -255,7 +256,7 @@ def test_constants_that_are_off_together_are_told_together() -> None:
     words = in_words(found, [], [], 30)
     assert words.startswith("lacks the constants of the calibration together, each a little off: drive_gain hx = ")
     assert "; drive_delay hx = " in words
-    assert words.endswith("; the angle is off by about 0.05 rad (linearised)")
+    assert words.endswith("; the angle is off by 0.05 rad")
     small = in_words([], [found], [], 30)
     assert small.startswith("small effect found: the constants of the calibration together, each a little off, ")
     assert small.endswith(", 0.05 rad of the angle")

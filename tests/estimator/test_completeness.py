@@ -83,13 +83,15 @@ MISSING = {
     "drive_delay": (("drive_delay", (("tux", 5e-6), ("tuy", 2e-6))), {"tux": 5e-6, "tuy": 2e-6}),
     "drive_misalignment": (("drive_misalignment", (("mx", 0.01), ("my", -0.005))), {"mx": 0.01, "my": -0.005}),
 }
+LARGE = {"cubic_stiffness": (("cubic_stiffness", (("k3x", 1e13), ("k3y", 3e12))), {"k3x": 1e13, "k3y": 3e12})}
+"""Turns the angle by another figure than its derivative says."""
 
 
 @pytest.mark.beyond(1)
 @pytest.mark.slow
-@pytest.mark.parametrize("name", MISSING)
+@pytest.mark.parametrize("name", [*MISSING, "cubic_stiffness"])
 def test_a_run_says_what_it_lacks_and_what_that_does_to_the_angle(name: str) -> None:
-    effect, true = MISSING[name]
+    effect, true = (MISSING | LARGE)[name]
     found = scanned(record_of(loop(effect)))
     assert found.outcome is Outcome.LACKS
     assert found.lacks[0].effect == name or name in found.lacks[0].alike
@@ -362,7 +364,7 @@ def test_the_angle_counts_in_the_scored_window_alone(monkeypatch: pytest.MonkeyP
         for begin in (0.0, 5.0, 9.0)
     ]
     settings = replace(observer_settings_of(bench()), memory=0.1)
-    turning = turning_of(stretches, device_of(bench()), settings, None, {}, (2.0, 10.0))
+    turning = turning_of(stretches, Problem(stretches[0].record, device_of(bench()), settings, None), {}, (2.0, 10.0))
     assert asked == [5.0, 9.0]
     assert np.all(np.diff(turning.time) > 0.0)
     assert (turning.time[0], turning.sensitivity[0, 0]) == (2.0, 0.0)
