@@ -64,7 +64,9 @@ def print_holds(rows: "list[tuple[str, str, str]]") -> None:
 
     paper = Paper()
     paper.say()
-    paper.table(("this machine keeps up", "with", ""), [(f"{mode} mode", setting, most) for mode, setting, most in rows])
+    paper.table(
+        ("this machine keeps up", "with", ""), [(f"{mode} mode", setting, most) for mode, setting, most in rows]
+    )
 
 
 def _print(findings: "list[Finding]") -> None:
