@@ -45,7 +45,7 @@ BENCHMARKS = {
     "series": "windows of a long record: opened, zoomed, memory; SERIES_ROWS=N for another length",
     "stream_parts": "what a streamed row costs the host, part by part",
     "campaigns": "a campaign killed ten times and gone on with; by 1, 2, 4 workers; on a Dask cluster: what it costs",
-    "reference": "the turnaround of paced force mode with a sold gyro recorded beside it, and without",
+    "reference": "the turnaround of paced force mode with a commercial gyro recorded beside it, and without",
     "force_mode": "paced force mode at 4 kHz beside a bare read and write",
 }
 LONG = {

@@ -1,4 +1,4 @@
-"""A sold gyro recorded beside a run: the turnaround of force mode with it, over that without it.
+"""A commercial gyro recorded beside a run: the turnaround of force mode with it, over that without it.
 
 S-slow at 4 kHz over a pty, in real time, with and without in turns (with, without, without, with, …): whatever else the
 machine does, it does to both.  An emulated STIM300 speaks all the time, 1000 datagrams a second; where the run has no

@@ -1,4 +1,4 @@
-"""`python -m device_emulator.gyros NAME`: an emulated sold gyro on a pty, or on a CAN interface by `--link can:vcan0`.
+"""`python -m device_emulator.gyros NAME`: an emulated commercial gyro on a pty, or on CAN by `--link can:vcan0`.
 
 Prints one line, `ready serial:/dev/pts/N`, and sends until SIGTERM or until nobody reads any more. Each frame is put
 together here byte by byte from the maker's page; nothing is shared with the decoders and their declarations. A line has
@@ -287,7 +287,7 @@ class _Line:
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the command line; returns the exit code."""
-    parser = argparse.ArgumentParser(prog="device_emulator.gyros", description="An emulated sold gyro.")
+    parser = argparse.ArgumentParser(prog="device_emulator.gyros", description="An emulated commercial gyro.")
     parser.add_argument("name", choices=sorted(GYROS))
     parser.add_argument("--link", default="pty", help="pty, or can:NAME of one on CAN")
     parser.add_argument("--sample-rate", type=float, help="samples a second, instead of its own")

@@ -1,4 +1,4 @@
-"""Logs of sold gyros that nobody here made: read as they are, and held against a second reading.
+"""Logs of commercial gyros that nobody here made: read as they are, and held against a second reading.
 
     python -m evaluation.public_logs FOLDER
 

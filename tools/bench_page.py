@@ -52,7 +52,7 @@ def names() -> str:
 
 
 def by_verb() -> str:
-    """Keys that a verb has no use for, by the reason."""
+    """Keys that a command does not use, by the reason."""
     reasons: dict[str, dict[str, list[str]]] = {}
     for verb, unused in NOT_OF.items():
         for key, why in unused.items():
@@ -62,7 +62,7 @@ def by_verb() -> str:
         for of, each in of_verbs.items():
             rows.setdefault((why, ", ".join(each)), []).append(f"`hil {of}`")
     shown = ((why, ", ".join(verbs), keys) for (why, keys), verbs in rows.items())
-    return table(("because", "verb", "keys"), shown)
+    return table(("because", "command", "keys"), shown)
 
 
 def _tables(listed: Iterable[tuple[str, type[BaseModel]]]) -> str:

@@ -1,4 +1,4 @@
-"""The page of the sold gyros that are recognised, as they are declared."""
+"""The page of the commercial gyros that are recognised, as they are declared."""
 
 from hil.sensors.declared import can_protocols, protocols
 

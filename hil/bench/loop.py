@@ -25,7 +25,7 @@ class Link(Section):
 
 
 class Reference(Section):
-    """A sold gyro on the same table, recorded beside a run by a process of its own; `hil run --reference LINK`."""
+    """A commercial gyro on the same table, recorded during a run by a separate process; `hil run --reference LINK`."""
 
     link: str | None = None
     """where it speaks, as `hil record` takes it: serial:PORT, can:NAME, iio:HOST, or NAME:PLACE with its protocol"""

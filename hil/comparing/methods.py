@@ -73,8 +73,8 @@ def compare(
     """Run every method over the record at `capture`; a new folder below `out` has what came of it.
 
     truth: file that the emulated board of the record wrote, without which the record's own rate channel is the
-    reference, or the sold gyro beside the run, if it has one.  link: an emulated board on which methods that close the
-    loop themselves do so.  diagnosis: what a trace found on the record, to be included in the 13 states.  Raises
+    reference, or the commercial gyro of the run, if it has one.  link: an emulated board on which methods that close
+    the loop themselves do so.  diagnosis: what a trace found on the record, to be included in the 13 states.  Raises
     InputError for a record that does not belong to the bench file or cannot be compared; nothing is left then.
     """
     require_usable(bench, "compare")

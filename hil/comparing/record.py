@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Given:
-    """A record with its bench: samples a row a tick, how a drive that is missing was predicted, and the sold gyro that
-    was recorded beside the run, or why there is none."""
+    """A record with its bench: samples a row a tick, how a drive that is missing was predicted, and the commercial gyro
+    that was recorded during the run, or why there is none."""
 
     captured: Capture
     bench: Bench

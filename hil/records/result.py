@@ -397,7 +397,7 @@ class OnBoard(json_file.Strict):
 
 
 class Reference(json_file.Strict):
-    """A sold gyro that was recorded beside the run, and the device beside it: rate = bias + (1 + scale) times the
+    """A commercial gyro that was recorded beside the run, and the device beside it: rate = bias + (1 + scale) times the
     reference's rate of `delay` ago."""
 
     link: str

@@ -90,7 +90,7 @@ class RunFolder:
 
     @property
     def reference_path(self) -> Path:
-        """A sold gyro that was recorded beside the run."""
+        """A commercial gyro that was recorded beside the run."""
         return self.path / "reference.arrow"
 
     @property
@@ -180,7 +180,7 @@ class RunFolder:
 
     @property
     def reference(self) -> Capture | None:
-        """The sold gyro beside the run, or None."""
+        """The commercial gyro beside the run, or None."""
         return _read_if_there(self.reference_path, read_capture)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""The reference of a run: a sold gyro on the same table, recorded beside it by a process of its own.
+"""The reference of a run: a commercial gyro on the same table, recorded beside it by a process of its own.
 
 Nothing of the loop waits for it. It has to speak before the board is armed; what becomes of it afterwards is told in
 the result, and stops nothing.

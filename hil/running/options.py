@@ -30,7 +30,7 @@ class RunOptions(TypedDict, total=False):
     reference: Annotated[
         Annotated[str, MaxLen(1000)] | None,
         Help(
-            "Link of a sold gyro that is recorded beside the run, as `hil record` takes it; axis and sign: [reference]."
+            "Link of a commercial gyro to record during the run, as `hil record` takes it; axis and sign: [reference]."
         ),
     ]
     open_loop: Annotated[bool, Help("Hold the drive at zero: ring-down, noise floor.")]

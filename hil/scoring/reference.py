@@ -1,4 +1,4 @@
-"""A run beside the sold gyro recorded with it: the reference's rate on bench time, and the device's beside it.
+"""A run beside the commercial gyro recorded with it: the reference's rate on bench time, and the device's beside it.
 
 Three clocks stand between the two: the sensor's own count, this machine's, by which its samples were read, and the
 board's. A sample is never read before it was sent: of many parts of the record only the one that was read soonest after
@@ -55,7 +55,7 @@ class ReferenceRate(NamedTuple):
 
 
 def reference_rate(folder: RunFolder) -> ReferenceRate | str:
-    """Of the sold gyro beside a run; in words why there is none."""
+    """Of the commercial gyro beside a run; in words why there is none."""
     capture, clock = folder.reference, folder.clock
     if capture is None or "host_ns" not in capture.columns:
         return "no reference was recorded"

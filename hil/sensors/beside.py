@@ -1,4 +1,4 @@
-"""A sold gyro that is recorded beside a run, in a process of its own: `python -m hil.sensors.beside LINK FILE`.
+"""A commercial gyro that is recorded beside a run, in a process of its own: `python -m hil.sensors.beside LINK FILE`.
 
 It says in one JSON line that the sensor speaks, or why not; then it records until its standard input ends, as it does
 when the run is over or its process has died, and says in a second line what came of it.

@@ -1,4 +1,4 @@
-"""The sold gyro that was recorded beside a run, as the rate that a trace is scored against."""
+"""The commercial gyro that was recorded beside a run, as the rate that a trace is scored against."""
 
 from dataclasses import replace
 from pathlib import Path

@@ -40,7 +40,7 @@ OUTSIDE = {
     "limits.overtime": "by the process that watches the loop",
     "observer.initial_sd.drive_gain": "where [device.drive] gain_known is false, of a single axis",
     **{key: "of a board with trim electrodes" for key in LEAVES.values() if key.startswith("trim.")},
-    **{key: "of a sold gyro beside the run" for key in LEAVES.values() if key.startswith("reference.")},
+    **{key: "of a commercial gyro beside the run" for key in LEAVES.values() if key.startswith("reference.")},
     **{
         f"device.sense.interface.{key}": "of another kind of interface"
         for key in ("distortion_per_m2", "temperature_per_K", "corner_Hz", "decay_per_m")

@@ -1,4 +1,4 @@
-"""A sold gyro beside a run: on bench time, compared, told when it is lost, and of no effect on the loop."""
+"""A commercial gyro beside a run: on bench time, compared, told when it is lost, and of no effect on the loop."""
 
 import subprocess
 import sys

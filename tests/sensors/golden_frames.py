@@ -1,5 +1,5 @@
-"""Frames of sold gyros that nobody here made, and what public pages say they mean; where a maker gives none, one worked
-out by hand from the maker's table, its sums on paper.
+"""Frames of commercial gyros that nobody here made, and what public pages say they mean; where a maker gives none, one
+worked out by hand from the maker's table, its sums on paper.
 
 (protocol, frames in hex or as text, values in the unit of the page, source); the counter of Xsens and of the IIM-46234
 is the clock that they send beside it.
