@@ -87,13 +87,6 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Scanning:
-    """A pass of the filter."""
-
-    jump: float = _set(4.0, "× the usual innovation", "What lies around a jump of the rate counts less from there on.")
-
-
-@dataclass(frozen=True)
 class Symmetries:
     """When what was named obeys a symmetry of the equations."""
 
@@ -132,7 +125,6 @@ class Thresholds:
     candidates: Candidates = field(default_factory=Candidates)
     criterion: Criterion = field(default_factory=Criterion)
     start: Start = field(default_factory=Start)
-    scan: Scanning = field(default_factory=Scanning)
     symmetries: Symmetries = field(default_factory=Symmetries)
     floor: Floor = field(default_factory=Floor)
     spectrum: Spectrum = field(default_factory=Spectrum)

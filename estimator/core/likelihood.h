@@ -12,8 +12,7 @@
    Columns of a row: `count` sensitivities as in a scan, the innovation, then one for each model that is `shifted`: by how
    much its own innovation is larger, over the shift.  gram receives their products of each part, blocks below the diagonal
    not filled; logs the sum of the logarithms of the deviations, counted how many innovations count: of what was measured,
-   from sample `skip` on.  An innovation counts less beyond `level` times the usual power: that of the part before, by its
-   median over `half`, that of a normal number's square, one at least. */
+   from sample `skip` on. */
 typedef struct {
     whole begin;
     whole end;
@@ -40,53 +39,9 @@ typedef struct {
     real *gram;            /* (parts, width, width) */
     real *logs;            /* (parts,) */
     whole *counted;        /* (parts,) */
-    real *limit;           /* beyond which an innovation's square counts less, carried on */
     real *panel;           /* (GRAM_PANEL + axes, width) */
-    real *squares;         /* of a part's innovations */
     real *scratch;         /* scan_scratch numbers */
-    real level;
-    real half;
 } Likelihood;
-
-/* The number of rank k, from 0, of so many, which it puts in another order (Hoare). */
-static inline real ranked(real *of, whole count, whole k)
-{
-    whole low = 0, high = count - 1;
-    while (low < high) {
-        real pivot = of[(low + high) / 2];
-        whole i = low, j = high;
-        while (i <= j) {
-            while (of[i] < pivot)
-                i++;
-            while (of[j] > pivot)
-                j--;
-            if (i <= j) {
-                real kept = of[i];
-                of[i++] = of[j];
-                of[j--] = kept;
-            }
-        }
-        if (k <= j)
-            high = j;
-        else if (k >= i)
-            low = i;
-        else
-            break;
-    }
-    return of[k];
-}
-
-/* The limit for the part that follows one with these squares. */
-static inline real next_limit(const Likelihood *pass, whole count)
-{
-    real *squares = pass->squares, usual = R(1.0);
-    for (whole i = 0; i < count; i++)
-        if (!isfinite(squares[i]))
-            return pass->level;
-    if (count > 0)
-        usual = R(0.5) * (ranked(squares, count, count / 2) + ranked(squares, count, (count - 1) / 2)) / pass->half;
-    return pass->level * (usual > R(1.0) ? usual : R(1.0));
-}
 
 /* Take in the rows of sample m, from `rows` on; returns how many count. */
 static inline whole take_rows(const Likelihood *pass, const Settings *settings, whole m, whole part, real *rows)
@@ -105,7 +60,7 @@ static inline whole take_rows(const Likelihood *pass, const Settings *settings, 
         for (whole k = 0; k < pass->shifted; k++)
             row[count + 1 + k] =
                 (pass->others[k * axes * pass->bounds[pass->parts] + m * axes + axis] - own) / pass->shifts[k];
-        pass->squares[pass->counted[part]++] = own * own;
+        pass->counted[part]++;
         pass->white[m * axes + axis] = own;
         pass->logs[part] += log;
         kept++;
@@ -120,6 +75,7 @@ static inline void likelihood_pass(Estimator *estimator, const Likelihood *pass)
     Workspace *work = &estimator->work;
     whole axes = settings->axes, part = 0, filled = 0;
     Scan scan = {.terms = pass->terms, .count = pass->count, .known = pass->known, .weighed = 1, .width = pass->width};
+    scan.level = INFINITY;
     scan.constants = pass->constants;
     scan.z = pass->z;
     scan.u = pass->u;
@@ -135,7 +91,6 @@ static inline void likelihood_pass(Estimator *estimator, const Likelihood *pass)
         part++;
     for (whole m = pass->begin; m < pass->end; m++) {
         Output *row = observer->rows;
-        scan.level = *pass->limit;
         scan_sample(observer, &scan, m, row, pass->panel + filled * pass->width, &estimate, work, &follow);
         for (whole axis = 0; axis < axes; axis++) {
             pass->innovation[m * axes + axis] = row->nu[axis];
@@ -148,7 +103,6 @@ static inline void likelihood_pass(Estimator *estimator, const Likelihood *pass)
             filled = 0;
         }
         if (ends) {
-            *pass->limit = next_limit(pass, pass->counted[part]);
             follow.length = R(-1.0); /* the rate has changed, and with it the responses */
             part++;
         }

@@ -55,9 +55,7 @@ class Pass:
         self.white = np.zeros(axes * n)
         self.logs, self.counted = np.zeros(parts), np.zeros(parts, np.int64)
         self._gram = np.zeros((parts, self.width, self.width))
-        self._limit = np.zeros(1)
         self._panel = np.zeros((_PANEL, self.width))
-        self._squares = np.zeros(axes * int(np.max(np.diff(samples.bounds))))
         self._others, self._shifts = np.array(others).reshape(len(others), axes * n), np.array(shifts)
 
     @property
@@ -66,14 +64,9 @@ class Pass:
         upper = np.triu(self._gram[:, : self.used, : self.used])
         return np.asarray(upper + np.swapaxes(np.triu(upper, 1), 1, 2))
 
-    def advance(self, observer: Observing, begin: int, end: int, level: float, half: float) -> None:
-        """Over these samples; the next call goes on behind them.
-
-        An innovation counts less beyond `level` times the usual power of the part before: its median over `half`.
-        """
+    def advance(self, observer: Observing, begin: int, end: int) -> None:
+        """Over these samples; the next call goes on behind them."""
         samples = self.samples
-        if begin == 0:
-            self._limit[0] = level
         k, constants = self.delta.shape[1], len(observer.arrays.x)
         LIBRARY.gyro_likelihood_pass(
             ctypes.c_void_p(observer.core),
@@ -83,7 +76,6 @@ class Pass:
                 bounds=samples.bounds, constants=self.known, z=samples.z, u=samples.u, h=samples.h,
                 temperature=samples.temperature, others=self._others, shifts=self._shifts, delta=self.delta,
                 innovation=self.innovation, variance=self.variance, white=self.white, gram=self._gram, logs=self.logs,
-                counted=self.counted, limit=self._limit, panel=self._panel, squares=self._squares,
-                scratch=np.zeros(2 * constants + (2 + len(self.delta)) * k), level=level, half=half,
+                counted=self.counted, panel=self._panel, scratch=np.zeros(2 * constants + (2 + len(self.delta)) * k),
             ),
         )  # fmt: skip

@@ -10,14 +10,12 @@ import numpy as np
 
 from estimator.chance import chi2_isf
 from estimator.scaling import Array
-from estimator.trace.fit import FittedModel, beside
+from estimator.trace.fit import PRIOR, FittedModel, beside
 from estimator.trace.likelihood import AT_FLOOR, RARE, Check, Evaluation, Likelihood
 from estimator.trace.reference import Departure
 from estimator.trace.search import FORBIDDEN
 from estimator.written import gains
 
-PRIOR = 4.5
-"""Deviations of its prior that a constant may be off: a bench file is not right to the letter."""
 OF_THE_REST = ("noise floor", "disturbance")
 """Checks of what a model leaves."""
 SMALL = 1e-6

@@ -1,6 +1,6 @@
 """The likelihood of a driven gyro or oscillator: innovations of its filter."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -13,7 +13,6 @@ from estimator.trace.examination import Examination, examine
 from estimator.trace.kept import Kept
 from estimator.trace.likelihood import (
     AT_THE_START,
-    MEDIAN_OF_SQUARE,
     Beginning,
     Evaluation,
     Layout,
@@ -35,8 +34,8 @@ RATE_DECADES = 2.0
 """Above the declared random walk of the rate.  Not below: the rate may do later what it did not do yet."""
 CLOSE, ROUGH = 0.5, 1.0
 """Decades to which a level is found: the likelihood of any parameter is flat beside that."""
-WINDOWS, WINDOW = 3, 2_000
-"""Parts of a record, and samples of each, that tell a level to a decade."""
+MEDIAN_OF_SQUARE = 0.455
+"""Of a standard normal number."""
 QUIET = 1e-9
 """Of the scaled units: a random force or rate that is none."""
 
@@ -142,16 +141,25 @@ class Filtered(Likelihood):
         omega = float(np.sqrt(device.target))
         return Noise((1.0,) * device.axes, QUIET * device.amplitude * omega**1.5, QUIET * omega**1.5)
 
+    def at_first(self, layout: Layout, model: Model) -> Model:
+        """The model with the decade of random force that makes the record most probable, of all of them: at a small one
+        a filter may lose the motion for what the model lacks, and its likelihood says nothing of a larger.
+        """
+        least, most = self._decades
+        found = [self._of_force(model, float(value)) for value in np.arange(least, most, ROUGH)]
+        return max(found, key=lambda one: self._log_likelihood(layout, one))
+
     def quieten(self, layout: Layout, model: Model) -> Model:
-        """The model with about the random force that makes the record most probable: of parts all along it."""
-        return self._with_force(layout, model, ROUGH, self._windows())
+        """The model with about the random force that makes the record most probable."""
+        return self._with_force(layout, model, ROUGH)
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:
         """The model with levels of noise that make the record most probable: sense by axis, random force, rate.
 
         A model that lacks something has a random force in its place, as large as what it leaves.
         """
-        model = self._with_force(layout, self._balanced(layout, model), CLOSE)
+        tried = (model, self._balanced(layout, model))
+        model = self._with_force(layout, max(tried, key=lambda one: self._log_likelihood(layout, one)), CLOSE)
         if self.axes == 1:
             return model
         declared = np.log10(self.declared_noise().rate)
@@ -164,26 +172,24 @@ class Filtered(Likelihood):
             level(lambda v: self._log_likelihood(layout, with_rate(v)), np.log10(model.noise.rate), between, ROUGH)
         )
 
-    def _windows(self) -> list["Filtered"]:
-        if self.samples <= WINDOWS * WINDOW:
-            return [self]
-        begins = np.linspace(0, self.samples - WINDOW, WINDOWS).astype(int).tolist()
-        return [self.part(slice(begin, begin + WINDOW)) for begin in begins]
-
-    def _with_force(self, layout: Layout, model: Model, close: float, parts: Sequence["Filtered"] = ()) -> Model:
-        """The model with the random force that makes these parts most probable, or all of the record."""
-        declared = self.declared_noise().force
-        least = float(np.log10(declared))
-
-        def with_force(value: float) -> Model:
-            force = declared if value == least else float(10.0**value)  # not rounded: that would be another model
-            return replace(model, noise=replace(model.noise, force=force))
+    def _with_force(self, layout: Layout, model: Model, close: float) -> Model:
+        """The model with the random force next to its own that makes the record most probable."""
 
         def likelihood(value: float) -> float:
-            return sum(part._log_likelihood(layout, with_force(value)) for part in parts or [self])
+            return self._log_likelihood(layout, self._of_force(model, value))
 
-        most = least + FORCE_DECADES + float(np.log10(reach_of(self.problem)))
-        return with_force(level(likelihood, np.log10(model.noise.force), (least, most), close))
+        return self._of_force(model, level(likelihood, np.log10(model.noise.force), self._decades, close))
+
+    @property
+    def _decades(self) -> tuple[float, float]:
+        """Between which a random force is looked for."""
+        least = float(np.log10(self.declared_noise().force))
+        return least, least + FORCE_DECADES + float(np.log10(reach_of(self.problem)))
+
+    def _of_force(self, model: Model, decade: float) -> Model:
+        declared = self.declared_noise().force
+        force = declared if decade == float(np.log10(declared)) else float(10.0**decade)  # not rounded: another model
+        return replace(model, noise=replace(model.noise, force=force))
 
     def _log_likelihood(self, layout: Layout, model: Model) -> float:
         return self.evaluate(layout, model, derivatives=False).log_likelihood

@@ -9,6 +9,8 @@ from estimator.scaling import Array
 from estimator.trace.likelihood import Evaluation, Layout, Likelihood, Model
 from estimator.trace.problem import Effects
 
+PRIOR = 4.5
+"""Deviations of its prior that a constant may be off: a bench file is not right to the letter."""
 PASSES = 12
 """Gauss–Newton converges in three to six; more are a fit that has no top nearby."""
 ROUGH = 2
@@ -55,9 +57,14 @@ class FittedModel:
         """Twice the log-likelihood, with the declared constants as measurements; the plausible sizes of effects only
         keep a fit in hand, and say nothing of which effect it is.
         """
+        off = self.off_declared
+        return 2.0 * self.evaluation.log_likelihood - self.evaluation.share * float(off @ off)
+
+    @property
+    def off_declared(self) -> Array:
+        """How many of its declared deviations each of the base model's parameters is off."""
         declared = np.array([owner == "" for owner in self.layout.owner])
-        off = ((self.model.theta - self.layout.mean) / self.prior_deviation)[declared]
-        return 2.0 * self.evaluation.log_likelihood - float(off @ off)
+        return np.asarray(np.abs((self.model.theta - self.layout.mean) / self.layout.deviation)[declared])
 
     @property
     def prior_deviation(self) -> Array:
@@ -264,8 +271,8 @@ def fit(of: Likelihood, effects: Effects) -> FittedModel:
     has not lost count of the cycles, and then on more and more of it.
     """
     layout = of.layout(effects)
-    model = Model(effects, layout.mean, of.declared_noise())
     length = min(of.first, of.samples)
+    model = of.part(slice(0, length)).at_first(layout, Model(effects, layout.mean, of.declared_noise()))
     while True:
         part = of.part(slice(0, length))
         found = settle(part, at(part, layout, part.quieten(layout, model)))

@@ -199,6 +199,10 @@ class FreeRun(Filtered):
         """That of the sensors: nothing disturbs a free run."""
         return self.no_disturbance()
 
+    def at_first(self, layout: Layout, model: Model) -> Model:
+        """The model as it is, or with the random force that makes the record most probable, of all."""
+        return super().at_first(layout, model) if self.followed else model
+
     def quieten(self, layout: Layout, model: Model) -> Model:
         """The model as it is, or with about the random force that makes the record most probable."""
         return super().quieten(layout, model) if self.followed else model

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from estimator.core.likelihood import Pass, Samples
 from estimator.effects.catalogue import effect_for
+from estimator.effects.declaration import Coefficient as EffectCoefficient
 from estimator.effects.declaration import Effect, Parameter, name_of
 from estimator.effects.labels import kind
 from estimator.effects.search import Search
@@ -28,10 +29,6 @@ from estimator.trace.start import begin_moving
 
 BLOCKS = 24
 """Parts of a record whose scores are taken as independent: longer than the memory of any filter that follows."""
-JUMP = THRESHOLDS.scan.jump
-"""Innovations that are larger than so many times the usual power count less, in proportion (Huber)."""
-MEDIAN_OF_SQUARE = 0.455
-"""Of a standard normal number."""
 SHIFT = 1e-5
 """Of a searched parameter, over which the innovations' difference is taken: small beside any curvature."""
 LEAST = 1e-3
@@ -259,7 +256,7 @@ class ObserverLayout(Layout):
         # Where an effect begins is a start, and no measurement.
         begun = [0.0 if i < base else abs(mean) for i, mean in zip(free, self.mean, strict=False)]
         self.deviation = np.array([*np.maximum(known, begun), *(abs(value) for value in values)])
-        lowest = [-np.inf if i < base else coefficients[i - base][1].least for i in free]
+        lowest = [-np.inf if i < base else _lowest(coefficients[i - base][1]) for i in free]
         self.least = np.array([*lowest, *(LEAST * value for value in values)])
         self.most = np.full(len(self.names), np.inf)
         rings = {effect.coefficients[0].name for effect in self.effects if effect.search is Search.RINGS}
@@ -316,6 +313,11 @@ class ObserverLayout(Layout):
             theta[k] += step
             moved.append((replace(model, theta=theta), step))
         return moved
+
+
+def _lowest(coefficient: EffectCoefficient) -> float:
+    """Below which a coefficient does not go: one of a sign that physics forbids is none."""
+    return max(coefficient.least, 0.0) if coefficient.positive and not coefficient.is_shape else coefficient.least
 
 
 def reach_of(problem: Problem) -> float:
@@ -440,6 +442,10 @@ class Likelihood(Protocol):
     def declared_noise(self) -> Noise:
         """The noise as it is declared."""
 
+    def at_first(self, layout: Layout, model: Model) -> Model:
+        """The model with the noise that a fit begins at."""
+        return model
+
     def quieten(self, layout: Layout, model: Model) -> Model:
         """The model with about the disturbance that makes the record most probable."""
         return model
@@ -558,7 +564,7 @@ def _over(
     found = Pass(samples, rows, known, watched, others, shifts)
     for begin, end, spread in _pieces(record):
         stop_if_abandoned()
-        found.advance(observer, begin, end, JUMP, MEDIAN_OF_SQUARE)
+        found.advance(observer, begin, end)
         if spread is not None:
             observer.unsettle(spread)
     return found

@@ -14,7 +14,7 @@ from estimator.effects.search import Search
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.trace.examination import Examination
-from estimator.trace.filtered import WINDOW, WINDOWS, Filtered
+from estimator.trace.filtered import Filtered
 from estimator.trace.free_run import TELLING, FreeRun
 from estimator.trace.likelihood import (
     Beginning,
@@ -182,18 +182,6 @@ class Pooled(Filtered):
 
     def _search(self, name: str) -> Search | None:
         return super().effect(name).search
-
-    def _windows(self) -> list[Self]:  # type: ignore[override]
-        """A part of each record, along them all."""
-        if self.samples <= WINDOWS * WINDOW:
-            return [self]
-        length = WINDOWS * WINDOW // len(self.parts)
-        along = np.linspace(0.0, 1.0, len(self.parts))
-        parts = []
-        for part, share in zip(self.parts, along, strict=True):
-            begin = int(share * max(part.of.samples - length, 0))
-            parts.append(part._replace(of=part.of.part(slice(begin, begin + length))))
-        return [replace(self, parts=tuple(parts))]
 
     def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
         """What the bench's observer makes of each record with these effects."""

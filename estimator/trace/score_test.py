@@ -9,12 +9,13 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.trace.fit import FittedModel, beside
-from estimator.trace.likelihood import Evaluation, Likelihood, Noise
+from estimator.trace.likelihood import Evaluation, Likelihood, Model
 from estimator.trace.problem import Effects
 
 
@@ -22,9 +23,9 @@ from estimator.trace.problem import Effects
 class Score:
     """One effect at given parameters.
 
-    gain: twice the gain of log-likelihood; size, deviation (c,) of its coefficients, scaled; scatter: by how much more
-    than noise its score differs from part to part of the record, 1 where it does not; given: its parameters, SI; noise:
-    of the model that it was tested beside.
+    gain: twice the gain of log-likelihood; size, deviation (c,) of its coefficients, scaled, none of a sign that
+    physics forbids; scatter: by how much more than noise its score differs from part to part of the record, 1 where it
+    does not; given: its parameters, SI; beside: the model that it was tested beside.
     """
 
     name: str
@@ -33,7 +34,7 @@ class Score:
     deviation: Array
     scatter: float
     given: Mapping[str, float]
-    noise: Noise | None = None
+    beside: Model | None = None
 
     @property
     def robust(self) -> float:
@@ -70,7 +71,7 @@ def tested_in(seen: Evaluation, own: int, scale: float) -> Tested:
 def score_test(of: Likelihood, fitted: FittedModel, effects: Effects) -> tuple[Score, ...]:
     """The scores of effects beside a fitted model, the largest gain first, each with a prior of its plausible size."""
     scores = [
-        replace(score, noise=fitted.model.noise)
+        replace(score, beside=fitted.model)
         for seen in tested_beside(of, fitted, effects)
         for score in scores_in(of, seen, fitted.prior_deviation, effects)
     ]
@@ -82,7 +83,9 @@ def scores_in(of: Likelihood, seen: Tested, deviation: Array, effects: Effects) 
     information, score = projected(seen.information, seen.score, deviation)
     for name, columns in seen.columns.items():
         rows = [k - len(deviation) for k in columns]
-        yield _score(name, information[:, rows][:, :, rows], score[:, rows], of.plausible(name), effects[name])
+        positive = [one.positive and not one.is_shape for one in of.effect(name).coefficients]
+        parts = information[:, rows][:, :, rows], score[:, rows]
+        yield _score(name, *parts, of.plausible(name), np.array(positive[: len(rows)]), effects[name])
 
 
 def _shares(of: Likelihood, tested: Effects, included: int) -> list[Effects]:
@@ -113,14 +116,22 @@ def projected(information: Array, score: Array, deviation: Array) -> tuple[Array
     return np.einsum("ka,bkl,lc->bac", left, information, left, optimize=True), score @ left
 
 
-def _score(name: str, information: Array, score: Array, sizes: Array, given: Mapping[str, float]) -> Score:
-    """Of information (blocks, c, c) and score (blocks, c)."""
+def _score(
+    name: str, information: Array, score: Array, sizes: Array, positive: NDArray[np.bool_], given: Mapping[str, float]
+) -> Score:
+    """Of information (blocks, c, c) and score (blocks, c); coefficients (c,) that are never negative are zero where
+    they would be.
+    """
+    whole, slope = information.sum(axis=0) + np.diag(sizes**-2.0), score.sum(axis=0)
     try:
-        covariance = np.linalg.inv(information.sum(axis=0) + np.diag(sizes**-2.0))
+        covariance = np.linalg.inv(whole)
     except np.linalg.LinAlgError:
         return Score(name, 0.0, np.zeros(len(sizes)), sizes, 1.0, given)
-    slope = score.sum(axis=0)
-    size = covariance @ slope
+    size, free = covariance @ slope, np.ones(len(sizes), dtype=bool)
+    while np.any(below := positive & (size < 0.0)):
+        free &= ~below
+        size = np.zeros(len(sizes))
+        size[free] = np.linalg.solve(whole[np.ix_(free, free)], slope[free])
     # What is left of each part's score once the effect is there: noise, or something that is not this effect.
     parts = score - np.einsum("bij,j->bi", information, size)
     scatter = float(np.trace(covariance @ (parts.T @ parts))) / len(sizes)

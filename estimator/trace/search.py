@@ -10,9 +10,9 @@ import numpy as np
 from estimator.effects.labels import kind
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
-from estimator.trace.fit import ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
+from estimator.trace.fit import PRIOR, ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
 from estimator.trace.likelihood import Layout, Likelihood, Model
-from estimator.trace.problem import Effects, Progress, unseen
+from estimator.trace.problem import Progress, unseen
 from estimator.trace.score_test import Score, score_test
 
 SHORTLIST = 4
@@ -79,9 +79,8 @@ def forward(
     kinds = 1
     for step in range(len(now.model.effects) - len(of.effects), of.most):
         progress("effects", step, of.most)
-        tested = of.candidates(now.model, now.evaluation)
-        kinds = max(kinds, len({kind(name) for name in tested}))
-        tables = scored(of, now, tested)
+        tables = scored(of, now)
+        kinds = max(kinds, len({kind(score.name) for score in tables[0]}))
         ranked = fitted_candidates(of, now, shortlisted(of, tables, now.evaluation.share * margin(kinds)))
         best = first_possible(of, ranked)
         rounds.append(Round(now, tables[0], tuple(ranked)))
@@ -122,26 +121,28 @@ def _from(of: Likelihood, quick: FittedModel) -> FittedModel:
     return advanced(of, at(of, quick.layout, quick.model))
 
 
-def scored(of: Likelihood, fitted: FittedModel, tested: Effects) -> tuple[tuple[Score, ...], ...]:
-    """The scores of the effects beside a model (`score_test`); and where it leaves a random force larger than declared,
-    the same at a quieter one, where effects look less alike: at the one that makes the record most probable with the
-    best effect there, as long as the filter keeps the motion.
+def scored(of: Likelihood, fitted: FittedModel) -> tuple[tuple[Score, ...], ...]:
+    """The scores of all candidates beside a model (`score_test`); and where it leaves a random force larger than
+    declared, the same at the quieter one where the best of them explains most: there effects look less alike, and the
+    innovation shows where their frequencies are.
+
+    A model that what it lacks has driven from what is declared says nothing of what that is: the quieter scores are
+    then taken with the constants as declared.
     """
-    table = score_test(of, fitted, tested)
-    now, quieter, expected, quietest = fitted, table, -np.inf, of.declared_noise().force
+    table = best = score_test(of, fitted, of.candidates(fitted.model, fitted.evaluation))
+    now, quietest = fitted, of.declared_noise().force
+    if np.any(fitted.off_declared > PRIOR):
+        theta = np.where([owner == "" for owner in fitted.layout.owner], fitted.layout.mean, fitted.model.theta)
+        now = replace(fitted, model=replace(fitted.model, theta=theta))
     while now.model.noise.force > quietest * QUIETER:
         noise = replace(now.model.noise, force=now.model.noise.force / QUIETER)
         now = at(of, fitted.layout, replace(now.model, noise=noise))
         if not now.evaluation.sound:
             break
-        found = score_test(of, now, tested)
-        likeliness = now.likeliness - now.twice_log_likelihood_of(
-            -max((one.gain for one in found if possible(of, one)), default=0.0)
-        )
-        if not likeliness > expected:
-            break
-        quieter, expected = found, likeliness
-    return (table,) if quieter is table else (table, quieter)
+        found = score_test(of, now, of.candidates(now.model, now.evaluation))
+        if max(one.gain for one in found) > max(one.gain for one in best):
+            best = found
+    return (table,) if best is table else (table, best)
 
 
 def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
@@ -149,17 +150,12 @@ def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: fl
     gains less than `least` or has a sign that physics forbids.
     """
     best: dict[str, Score] = {}
-    orders = [[one for one in table if one.gain > least and possible(of, one)] for table in reversed(tables)]
+    orders = [[one for one in table if one.gain > least] for table in reversed(tables)]
     for turn in zip_longest(*orders):
         for score in turn:
             if score is not None:
                 best.setdefault(kind(score.name), score)
     return list(best.values())[:SHORTLIST]
-
-
-def possible(of: Likelihood, score: Score) -> bool:
-    """Whether an effect has no sign that physics forbids, as far as its score is sure of it."""
-    return not forbidden(of, score.name, score.size, score.deviation * np.sqrt(max(score.scatter, 1.0)))
 
 
 def impossible(of: Likelihood, name: str, fitted: FittedModel) -> bool:
@@ -178,13 +174,26 @@ def forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
 
 
 def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:
-    """The model with one more effect, from the size that the score test tells, and the noise that it was taken at."""
-    layout, model = joined(of, fitted, score.name, score.given, score.size)
-    noise = model.noise if score.noise is None else score.noise
-    found = maximise(of, at(of, layout, replace(model, noise=noise)), ROUGH)
+    """The model with one more effect, from the size that the score test tells beside the model it was taken with."""
+    begun = fitted if score.beside is None else replace(fitted, model=score.beside)
+    layout, model = joined(of, begun, score.name, score.given, score.size)
+    starts = [at(of, layout, one) for one in (model, _where_tested(layout, model, score.name)) if one is not None]
+    found = maximise(of, max(starts, key=lambda one: one.objective), ROUGH)
     if not found.evaluation.sound or found.objective < fitted.objective:
         found = maximise(of, at(of, layout, replace(model, theta=carried_over(fitted, layout))))
     return settle(of, at(of, layout, of.quieten(layout, found.model)))
+
+
+def _where_tested(layout: Layout, model: Model, name: str) -> Model | None:
+    """The model with an effect's corners where they were tested; None where it has none.  A corner is one number with
+    its coefficient, of which the score test tells a size with the corner held.
+    """
+    tested = {k: given / layout.factor[k] for k, (owner, _, given) in layout.tied.items() if owner == name}
+    if not tested:
+        return None
+    theta = model.theta.copy()
+    theta[list(tested)] = list(tested.values())
+    return replace(model, theta=theta)
 
 
 def joined(

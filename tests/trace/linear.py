@@ -100,6 +100,9 @@ class Linear:
     def declared_noise(self) -> Noise:
         return Noise((1.0,), 1.0, 0.0)
 
+    def at_first(self, layout: Layout, model: Model) -> Model:
+        return model
+
     def quieten(self, layout: Layout, model: Model) -> Model:
         return model
 

@@ -33,7 +33,7 @@ JOMEGA = np.asarray(2j * np.pi * np.fft.rfftfreq(N, 1.0 / RATE), dtype=np.comple
 def first_of(of: Filtered) -> tuple[Score, FittedModel]:
     """Of the shortlist that which is most probable once it is fitted, and the model with it."""
     base = fit(of, {})
-    tables = scored(of, base, of.candidates(base.model, base.evaluation))
+    tables = scored(of, base)
     found = [(score, with_effect(of, base, score)) for score in shortlisted(of, tables, 0.0)]
     return max(found, key=lambda pair: pair[1].criterion)
 

@@ -6,7 +6,6 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.stats import chi2
 
 from estimator.gaps import Gaps
 from estimator.record import Record
@@ -145,6 +144,7 @@ UNSURE = (0.02 * AMPLITUDE * np.diag([1.0, OMEGA0, 1.0, OMEGA0])) ** 2
 PLACES = {
     "plain": Case(),
     "lost": Case(lost=((100, 0), (101, 0), (140, 1), (200, 0), (200, 1), (201, 0), (201, 1))),
+    "large innovations count in full": Case(jump=200),
     "uneven": Case(uneven=True),
     "gaps": Case(lost=((119, 0), (119, 1)), gaps={119: UNSURE, 180: UNSURE / 16, 240: np.full((4, 4), np.inf)}),
     "single": Case(axes=1),
@@ -168,34 +168,6 @@ def test_likelihood_and_scores_of_the_base_model_are_those_of_a_plain_filter(pla
     score, information = sums(white, slopes * layout.factor)
     agree(seen.score, score, 1e-5)
     agree(seen.information, information, 1e-5)
-
-
-@pytest.mark.moderate
-def test_samples_around_an_innovation_that_is_too_large_count_less_in_proportion() -> None:
-    """The running mean of the normalised square is smoothed over 20 samples; beyond 4 times what is usual in the part
-    before, a sample counts in proportion.
-    """
-    case = Case(jump=200)
-    of, plain, series = case.made()
-    layout = of.layout({})
-    seen = of.evaluate(layout, model_of(of, {}))
-    about = dict(zip(layout.names, (layout.mean * layout.factor).tolist(), strict=True))
-    white, slopes, logs, _ = expected(case, plain, series, about, {"kxx": 1e-5 * float(layout.factor[0])})
-    e, covariance = plain.follow(*series, {name: np.array([value]) for name, value in about.items()})
-    root, smoothed, level = np.ones(N), 1.0, 4.0
-    for k in range(N):
-        smoothed += 0.05 * (0.5 * float(e[k, :, 0] @ np.linalg.solve(covariance[k], e[k, :, 0])) - smoothed)
-        root[k] = min(1.0, np.sqrt(level / smoothed))
-        if (k + 1) % (N // BLOCKS) == 0:
-            last = (white * root[:, None])[k + 1 - N // BLOCKS : k + 1]
-            usual = np.median(last[np.isfinite(last)] ** 2) / chi2.median(1) if np.isfinite(last).any() else 1.0
-            level = 4.0 * max(1.0, usual)
-    assert 10 < np.sum(root < 1.0) < N / 3
-    score, information = sums(white * root[:, None], slopes * root[:, None, None] * layout.factor[0])
-    assert seen.power.sum() == pytest.approx(np.nansum((white * root[:, None]) ** 2), rel=3e-4)
-    assert seen.logs.sum() == pytest.approx(np.nansum(logs), rel=1e-7)
-    agree(seen.score[:, :1], score, 1e-3)
-    agree(seen.information[:, :1, :1], information, 1e-3)
 
 
 @dataclass(frozen=True)

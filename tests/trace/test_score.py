@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import nnls
 
 from estimator.effects.declaration import Signal, Source
 from estimator.model.formula import symbols
@@ -46,6 +47,17 @@ def test_gain_and_size_are_those_of_least_squares(name: str) -> None:
     assert found.gain == pytest.approx((y @ y - np.sum((y - x @ size) ** 2)) / variance, rel=1e-5)
     assert found.deviation == pytest.approx(np.sqrt(np.diag(np.linalg.inv(x.T @ x)) * variance), rel=1e-5)
     assert [score.gain for score in table] == sorted((score.gain for score in table), reverse=True)
+
+
+@pytest.mark.parametrize("truth", [[0.2, -0.3], [-0.2, 0.3], [-0.1, -0.3], [0.2, 0.1]])
+def test_sizes_that_are_never_negative_are_those_of_nnls(truth: list[float]) -> None:
+    series = {"two": columns()["two"] @ np.array([[1.0, 0.8], [0.0, 0.6]])}
+    of = made(series, {"two": truth}, positive=True)
+    (found,) = score_test(of, fitted(of), {"two": {}})
+    y, x = left(of, of.y), left(of, series["two"])
+    size, norm = nnls(x, y)
+    assert found.size == pytest.approx(size, rel=1e-5, abs=1e-9)
+    assert found.gain == pytest.approx((y @ y - norm**2) / (y @ y / N), rel=1e-5, abs=1e-9)
 
 
 def test_a_prior_as_tight_as_the_record_halves_a_size() -> None:

@@ -68,14 +68,6 @@ def test_candidates_are_ranked_by_what_they_gain_less_what_they_cost() -> None:
     assert [name for name, _ in found.rounds[0].fitted] == ["b", "a"]
 
 
-def test_the_shortlist_leaves_out_what_physics_forbids() -> None:
-    of = replace(orthogonal(a=(1, 60.0)), declared={name: effect(name, 1, positive=True) for name in "ab"})
-    below = Score("a", 90.0, np.array([-0.4]), np.array([0.1]), 1.0, {})
-    assert [one.name for one in shortlisted(of, ((below, replace(below, name="b", size=-below.size)),), 10.0)] == ["b"]
-    unsure = replace(below, deviation=np.array([0.2]))
-    assert [one.name for one in shortlisted(of, ((unsure,),), 10.0)] == ["a"]
-
-
 def test_a_superfluous_effect_is_taken_out_again_and_one_that_pays_stays() -> None:
     of = orthogonal(a=(1, 60.0), b=(1, 20.0), c=(1, 50.0))
     least = backward(of, fitted(of, "a", "b", "c"), margin(3))
@@ -139,23 +131,47 @@ def test_the_shortlist_has_the_best_of_each_kind_from_each_table_in_turn() -> No
     assert [one.name for one in shortlisted(of, (many,), 0.0)] == [f"e{k}" for k in range(4)]
 
 
-@pytest.mark.parametrize(("force", "forces"), [(50.0, [50.0]), (3000.0, [3000.0, 30.0]), (150.0, [150.0, 1.5])])
-def test_scores_are_taken_at_a_quieter_force_too_where_a_model_leaves_a_loud_one(
-    force: float, forces: list[float]
+@pytest.mark.parametrize(
+    ("force", "grows", "forces", "best"),
+    [(50.0, 3.0, [50.0], None), (3e5, 3.0, [3e5, 3e3, 30.0], 30.0), (3e3, 0.5, [3e3, 30.0], None)],
+)
+def test_scores_are_taken_at_the_quieter_force_where_one_explains_most(
+    force: float, grows: float, forces: list[float], best: float | None
 ) -> None:
     of, seen = orthogonal(a=(1, 60.0)), []
 
     class Seen(Linear):
         def evaluate(self, layout, model, **given):  # type: ignore[no-untyped-def]
+            one = super().evaluate(layout, model, **given)
+            if not given.get("tested"):
+                return one
+            seen.append(model.noise.force)
+            return replace(one, score=one.score * grows ** (len(seen) - 1))
+
+    loud = Seen(**vars(of))
+    layout = loud.layout({})
+    tables = scored(loud, at(loud, layout, Model({}, np.zeros(2), Noise((1.0,), force, 0.0))))
+    assert seen == pytest.approx(forces)
+    assert [one.beside.noise.force for (one,) in tables if one.beside] == pytest.approx(
+        [force, best or force][: len(tables)]
+    )
+    assert len(tables) == (1 if best is None else 2)
+
+
+def test_quieter_scores_of_a_model_out_of_its_priors_are_beside_what_is_declared() -> None:
+    of, seen = orthogonal(a=(1, 60.0)), []
+
+    class Seen(Linear):
+        def evaluate(self, layout, model, **given):  # type: ignore[no-untyped-def]
             if given.get("tested"):
-                seen.append(model.noise.force)
+                seen.append(model.theta)
             return super().evaluate(layout, model, **given)
 
     loud = Seen(**vars(of))
     layout = loud.layout({})
-    tables = scored(loud, at(loud, layout, Model({}, np.zeros(2), Noise((1.0,), force, 0.0))), {"a": {}})
-    assert seen == pytest.approx(forces)
-    assert len(tables) == len(forces)
+    far = layout.mean + np.array([5.0, 0.0]) * layout.deviation
+    scored(loud, at(loud, layout, Model({}, far, Noise((1.0,), 150.0, 0.0))))
+    assert [list(one) for one in seen] == [list(far), list(layout.mean)]
 
 
 def test_two_equal_effects_are_one_group_and_one_beside_them_is_not() -> None:
