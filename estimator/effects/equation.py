@@ -1,6 +1,7 @@
 """An effect's equations as a reader expects them."""
 
 from estimator.effects.declaration import Delayed, Effect, name_of
+from estimator.model.formula import as_declared, is_nothing, written
 
 
 def equations(effect: Effect) -> tuple[str, ...]:
@@ -13,11 +14,10 @@ def equations(effect: Effect) -> tuple[str, ...]:
         )
     if effect.shown:
         return effect.shown
-    import sympy as sp
-
-    lines = []
-    for expressions, left in ((effect.force, "{axis}̈ += {term}"), (effect.sense, "sensed {axis} += {term}")):
-        for axis, expression in zip("xy", expressions, strict=True):
-            if expression != 0:
-                lines.append(left.format(axis=axis, term=sp.sstr(expression)))
-    return tuple(lines)
+    laws = (as_declared(effect, "force"), "{axis}̈ += {term}"), (as_declared(effect, "sense"), "sensed {axis} += {term}")
+    return tuple(
+        left.format(axis=axis, term=written(expression))
+        for expressions, left in laws
+        for axis, expression in zip("xy", expressions, strict=True)
+        if not is_nothing(expression)
+    )

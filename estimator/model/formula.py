@@ -20,6 +20,7 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
     "<": operator.lt,
 }
 _SYMBOL, _BRANCHES = "symbol", "Piecewise"
+_BINDS = {"+": 1, "-": 1, "negative": 3, "*": 3, "/": 3, "**": 4}
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,29 @@ def tanh(value: Any) -> Any:
 def clipped(value: Any, limit: Any) -> Any:
     """`value` no further from zero than `limit`."""
     return Formula(_BRANCHES, ((limit, value > limit), (-limit, value < -limit), (value, True)))
+
+
+def written(value: Any, outer: int = 0) -> str:
+    """A formula as a reader expects it, in parentheses where `outer` binds as much as it does; clip(a, limit): a, no
+    further from zero than the limit.
+    """
+    if not isinstance(value, Formula) or value.head == _SYMBOL:
+        return str(value)
+    if value.head == _BRANCHES:
+        (limit, _), _, (clipped_value, _) = value.parts
+        return f"clip({written(clipped_value)}, {written(limit)})"
+    binds = _BINDS.get(value.head)
+    if binds is None:
+        return f"{value.head}({', '.join(written(part) for part in value.parts)})"
+    if value.head == "negative":
+        text = f"-{written(value.parts[0], binds)}"
+    else:
+        left, right = value.parts
+        # Of equals the left one comes first; a power is no base of another, a sign stands behind no other.
+        equal = value.head in "+*" and getattr(right, "head", "") != "negative"
+        sign = f" {value.head} " if binds == 1 else value.head
+        text = f"{written(left, binds - (binds < 4))}{sign}{written(right, binds - equal)}"
+    return f"({text})" if binds <= outer else text
 
 
 def names_in(value: Any) -> frozenset[str]:

@@ -2,8 +2,11 @@
 page.
 """
 
+import subprocess
+import sys
 from collections.abc import Callable
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +17,7 @@ from estimator.effects.catalogue import EFFECTS, effect_for, names
 from estimator.effects.declaration import DRIVES, STATES, Effect, Signal, Source
 from estimator.effects.equation import equations
 from estimator.errors import ModelError
+from estimator.model.formula import as_declared, clipped, sqrt, symbols, written
 from estimator.model.gyro import dxx, dxy, dyy, kxx, kxy, kyy, phi_x, phi_y, rate
 from estimator.observer import Observer
 from estimator.scaling import Array
@@ -21,6 +25,7 @@ from estimator.settings import Device, ObserverSettings
 from tests.estimator.core_pieces import Sample, predict_measurement, workspace
 from tests.estimator.flow_pieces import FlowWork, Interval, advance_signals, flow, signal_values
 
+_a, _b, _c = symbols("a b c")
 OMEGA0 = 2 * np.pi * 200.0
 STATE = np.array([0.8, 0.1, -0.3, 0.7])
 DRIVE = np.array([[0.02, 0.01], [-0.03, 0.005]])
@@ -655,3 +660,35 @@ def test_where_a_law_is_rounded_the_page_says_so_in_the_device_s_own_speed(
         )
         scaled = computed.subs({one: {**symbols, **speeds}[one.name] for one in computed.free_symbols})
         assert float(si) == pytest.approx(float(scaled) * (amplitude * omega0) ** power, rel=1e-9)
+
+
+@pytest.mark.parametrize("effect", EFFECTS, ids=lambda effect: effect.name)
+def test_a_law_is_written_as_what_it_computes(effect: Effect) -> None:
+    for law in ("force", "sense"):
+        for declared, computed in zip(as_declared(effect, law), getattr(effect, law), strict=True):
+            names = {str(one): one for one in computed.free_symbols}
+            clip = {"clip": lambda a, most: sp.Piecewise((most, a > most), (-most, a < -most), (a, True))}
+            assert sp.simplify(sp.sympify(written(declared), locals=names | clip) - computed) == 0
+
+
+@pytest.mark.parametrize(
+    ("declared", "text"),
+    [
+        (_a - (_b - _c), "a - (b - c)"), (_a - _b + _c, "a - b + c"), (_a / (_b / _c), "a/(b/c)"), (-_a * _b, "-a*b"),
+        (_a * -_b, "a*(-b)"), ((_a**_b) ** _c, "(a**b)**c"), ((_a + _b) ** 2, "(a + b)**2"), (-(_a + _b), "-(a + b)"),
+        (clipped(_a, _b), "clip(a, b)"), (sqrt(_a + _b) / 2, "sqrt(a + b)/2"),
+    ],
+)  # fmt: skip
+def test_a_formula_is_written_with_the_parentheses_it_needs(declared: Any, text: str) -> None:
+    assert written(declared) == text
+
+
+def test_equations_are_written_without_sympy() -> None:
+    """Loading it takes longer than any pass over a record."""
+    asked = (
+        "import sys; from estimator.effects.catalogue import EFFECTS; from estimator.effects.equation import equations"
+    )
+    command = f"{asked}; print([equations(one) for one in EFFECTS] and 'sympy' in sys.modules)"
+    assert (
+        subprocess.run([sys.executable, "-c", command], capture_output=True, text=True, check=True).stdout == "False\n"
+    )
