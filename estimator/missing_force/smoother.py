@@ -17,7 +17,6 @@ from estimator.errors import ModelError
 from estimator.missing_force.beside import Beside
 from estimator.missing_force.latent import PARTS, Augmented, Latent, augmented
 from estimator.scaling import Array
-from estimator.trace.filtered import WINDOW, WINDOWS
 from estimator.trace.noise import level
 
 _DECADES = (-14.0, 2.0)
@@ -26,6 +25,7 @@ _BEGIN, _CLOSE, _ROUNDS = 1e-6, 0.5, 3
 """Variance of each part at first, scaled; decades to which it is found; how often all are gone through."""
 _CYCLES = (4.0, 16.0, 64.0)
 _BEGINS = 40.0  # cycles that tell how a record begins
+_WINDOWS, _WINDOW = 3, 2_000  # parts of a record, and samples of each, that tell a variance to a decade
 _FILLED = 8  # times that predictions take the place of lost samples: each is as far off as the gain, of the last
 _SAFE = 4.0
 """Times the variance that the likelihood says: a force that comes and goes is small for most of the time."""
@@ -136,8 +136,8 @@ def chosen(record: Beside) -> Latent:
     Raises ModelError where none follows the record.
     """
     samples = len(record.innovation)
-    length = min(WINDOW, samples // WINDOWS)
-    firsts = np.linspace(0, samples - length, WINDOWS).astype(int).tolist()
+    length = min(_WINDOW, samples // _WINDOWS)
+    firsts = np.linspace(0, samples - length, _WINDOWS).astype(int).tolist()
     worth = partial(_likelihood, record, [slice(first, first + length) for first in firsts])
     frequency = float(np.mean(np.abs(np.angle(np.linalg.eigvals(record.transition))))) / record.step
     best = Latent((_BEGIN,) * PARTS, _CYCLES[1], frequency)
