@@ -42,8 +42,13 @@ def plus_minus(value: float, half_width: float, beside: float | None = None) -> 
 
 
 def typeset(text: str) -> str:
-    """Plain digits with a minus that is one, and in groups of three where there are more than four."""
-    sign = _MINUS if text.startswith("-") else "+" if text.startswith("+") else ""
+    """Plain digits with a minus that is one, none before a zero, and in groups of three where there are more than four.
+
+    >>> typeset("-0.13"), typeset("-0.0")
+    ('−0.13', '0.0')
+    """
+    negative = text.startswith("-") and text.strip("-0.") != ""
+    sign = _MINUS if negative else "+" if text.startswith("+") else ""
     whole, point, fraction = text.lstrip("+-").partition(".")
     if whole.isdigit() and len(whole) > 4:
         whole = f"{int(whole):,}".replace(",", _THIN)

@@ -106,7 +106,7 @@ def _of_lines(around: tuple[Band, ...], single: tuple[Line, ...], resonance: flo
         if here:
             text += f"; {_count(len(here))}, strongest at {here[0].frequency:.7g} Hz"
             if abs(here[0].offset) > _SHOWN * resonance:
-                text += f", {_signed(here[0].offset, 3)} Hz beside it"
+                text += f", {_signed(here[0].offset, 3)} Hz from it"
         size = max([band.rms, *(line.rms for line in here)])
         found.append(Finding("line", text, size, deviations(log_p)))
     for line in single:

@@ -60,4 +60,4 @@ def demo(
         if isinstance(shown, showcase.Circle):
             print_before_and_after(shown)
         print_under_test(shown)
-    finish(shown.last, as_json=json, good=all(one.held for one in shown.under_test))
+    finish(shown.last, as_json=json, good=all(one.held for one in shown.under_test), told=shown.told)

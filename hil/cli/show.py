@@ -37,9 +37,9 @@ def print_json(figures: Mapping[str, Any]) -> None:
     print(printable_json(json.dumps(figures, indent=2, ensure_ascii=False, allow_nan=False)))
 
 
-def finish(folder: Path, *, as_json: bool, good: bool | None = None) -> NoReturn:
+def finish(folder: Path, *, as_json: bool, good: bool | None = None, told: Sequence[str] = ()) -> NoReturn:
     """Print the figures of the run in ``folder`` and leave: exit code 0 unless the verdict is against it, or with
-    ``good`` by what that says."""
+    ``good`` by what that says.  told: remarks that were printed before."""
     from hil.records.result import load_result
     from hil.records.runfolder import RunFolder
 
@@ -51,6 +51,7 @@ def finish(folder: Path, *, as_json: bool, good: bool | None = None) -> NoReturn
             say(f"UNSAFE: {result.alarm}")
         print(printable_json(run.result_path.read_text(encoding="utf-8")), end="")
     else:
+        result = result.model_copy(update={"remarks": tuple(one for one in result.remarks if one not in told)})
         _print_tables(result, run.report_path)
     if any(map(is_fault, result.reasons)):
         raise typer.Exit(ExitCode.FAULT)

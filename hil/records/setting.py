@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+from hil.numbers import quantity
+
 
 class Setting(NamedTuple):
     """In force mode `latency_ticks` from a sample to the interval that its answer acts on, and blocks of 1; in gain
@@ -21,8 +23,8 @@ class Setting(NamedTuple):
         """As a reader needs it.
 
         >>> Setting(1, 1, 4000.0).words, Setting(0, 500, 1e5).words
-        ('latency 1 tick', 'blocks of 500 samples at 100000 Hz')
+        ('latency 1 tick', 'a block of 500 samples at 100.0\xa0kHz')
         """
         if self.latency_ticks:
             return f"latency {self.latency_ticks} tick{'' if self.latency_ticks == 1 else 's'}"
-        return f"blocks of {self.block} samples at {self.rate_Hz:.10g} Hz"
+        return f"a block of {self.block} samples at {quantity(self.rate_Hz, 'Hz', 4)}"

@@ -25,6 +25,7 @@ PARTS: dict[Any, Part] = {
     "model": Part(outcome="complete", reason="nothing is missing"),
     "angle": Part(outcome="good", reason="uncertain by 20 mrad (k = 2) at the end"),
 }
+CHOICE = "measured: the board is started with latency 4 ticks"
 HARDENING = Effect(
     name="cubic_stiffness", title="cubic stiffness", equations=(), evidence=1000.0, compensation="by the drive",
     coefficients={"k3x": Coefficient(value=1.0e13, ci95=(0.9e13, 1.1e13), unit="1/(m²·s²)")},
@@ -43,7 +44,7 @@ def saved(folder: Path, *, error_rad: float, late: int = 0, **parts: Part) -> Pa
     verdict = "failed" if any(part.against for part in told.values()) else "good"
     result = Result(
         run=folder.name, seconds=12.0, samples=1000, answers=answers(late), angle_error_rms_rad=error_rad,
-        verdict=verdict, parts=told, complete=True,
+        verdict=verdict, parts=told, complete=True, remarks=(CHOICE,),
     )  # fmt: skip
     save_result(folder / "result.json", result)
     return folder
@@ -57,7 +58,7 @@ def circle(tmp_path: Path) -> Any:
         first = saved(tmp_path / "before", **({"error_rad": 0.126, "model": Part(outcome="lacks")} | (before or {})))
         last = saved(tmp_path / "after", **({"error_rad": 0.0012} | (after or {})))
         save_trace(tmp_path / "trace", explained(effects=(HARDENING,)).model_copy(update=said))
-        return demo.Circle(first, tmp_path / "trace", last, ("measured: this machine holds latency 4 ticks",))
+        return demo.Circle(first, tmp_path / "trace", last, (CHOICE,))
 
     return make
 
@@ -74,7 +75,8 @@ def test_late_answers_are_told_and_are_not_under_test(
     late = {"late": 66, "machine": LATE}
     assert exit_code(monkeypatch, circle(before=late, after=late)) == 0
     told = capsys.readouterr().out
-    assert "machine    measured: this machine holds latency 4 ticks" in told
+    assert f"machine    {CHOICE}" in told
+    assert told.count(CHOICE) == 1  # and not once more among the remarks of the run
     assert "shown      angle error 130\u00a0mrad before, 1.2\u00a0mrad after and within its uncertainty" in told
     assert "not shown" not in told
     assert "verdict  failed: machine" in told

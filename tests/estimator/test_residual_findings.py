@@ -145,7 +145,7 @@ def test_a_band_is_told_where_the_best_of_all_bands_is_not_chance() -> None:
 
 @pytest.mark.parametrize(
     ("offset", "says"),
-    [(0.019, ""), (0.021, ", +0.021 Hz beside it"), (-0.021, ", −0.021 Hz beside it"), (0.25, ", +0.25 Hz beside it")],
+    [(0.019, ""), (0.021, ", +0.021 Hz from it"), (-0.021, ", −0.021 Hz from it"), (0.25, ", +0.25 Hz from it")],
 )
 def test_a_line_beside_a_multiple_is_told_with_its_distance_from_a_ten_thousandth_on(offset: float, says: str) -> None:
     (found,) = lines((band(1, -0.1), band(2, -0.1)), line(2, offset))
@@ -155,7 +155,7 @@ def test_a_line_beside_a_multiple_is_told_with_its_distance_from_a_ten_thousandt
 
 def test_several_lines_around_a_multiple_are_counted_and_are_its_own() -> None:
     (found,) = lines((band(0, -0.1),), line(0, 1.5, rms=3.0), line(0, -1.5, rms=2.0))
-    assert found.text == "around zero frequency (0 Hz); 2 lines, strongest at 1.5 Hz, +1.5 Hz beside it"
+    assert found.text == "around zero frequency (0 Hz); 2 lines, strongest at 1.5 Hz, +1.5 Hz from it"
     assert found.size == 3.0
     (first,) = lines((band(1, SURELY),))
     assert first.text == "around the resonance (200 Hz)"

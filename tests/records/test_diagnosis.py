@@ -302,12 +302,12 @@ def test_the_truth_of_an_effect_stands_beside_what_was_found() -> None:
 
 def test_a_probability_names_its_effect_only_where_another_is_meant() -> None:
     assert probable(Probabilities(effect="drag", classes={"drag": 0.9, "sense_gain": 0.1})) == (
-        "how probable for drag: drag 90\u00a0%, sense gain 10\u00a0%"
+        "probabilities for drag: drag 90\u00a0%, sense gain 10\u00a0%"
     )
     assert probable(Probabilities(effect="drag", classes={"sense_gain": 1.0})) == (
-        "how probable for drag: sense gain 100\u00a0%"
+        "probabilities for drag: sense gain 100\u00a0%"
     )
-    assert probable(Probabilities(effect=None, classes={"nothing": 1.0})) == "how probable: nothing 100\u00a0%"
+    assert probable(Probabilities(effect=None, classes={"nothing": 1.0})) == "probabilities: nothing 100\u00a0%"
 
 
 def test_a_terminal_says_what_a_part_acts_like_and_what_is_left(capsys: pytest.CaptureFixture[str]) -> None:

@@ -185,7 +185,7 @@ def probable(one: Probabilities) -> str:
     """How probable each account is that has 1 % at least, in a line."""
     shares = [f"{_plain(name)} {percent(share, 0)}" for name, share in one.classes.items() if share >= _SHOWN]
     about = "" if one.effect is None else f" for {_plain(one.effect)}"
-    return f"how probable{about}: {', '.join(shares)}"
+    return f"probabilities{about}: {', '.join(shares)}"
 
 
 def _shown(value: float | None, unit: str) -> str:
