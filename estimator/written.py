@@ -19,8 +19,8 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def gains(value: float) -> str:
-    """What a model with one effect more gains, in words."""
-    return f"gains {significant(value)} in twice the log-likelihood"
+    """By how much one effect more raises twice the log-likelihood, in words."""
+    return f"raises 2 ln L by {significant(value)}"
 
 
 def plus_minus(value: float, half_width: float, beside: float | None = None) -> str:

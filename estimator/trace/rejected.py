@@ -54,13 +54,13 @@ def rejected(
         if which in members:
             reason = f"this record does not separate it from {members[which]}"
         elif score.name not in beside:  # it was in the model, until others were
-            reason = "beside the others it gains less than its parameters cost"
+            reason = "with the others in the model it raises 2 ln L by less than its penalty"
         elif forbidden(of, score.name, score.size, score.deviation):
             reason = "a coefficient that is never negative would be"
         elif gain < least:
             reason = f"{gains(gain)}: no more than chance"
         else:
-            reason = f"{gains(gain)}, less than its parameters cost"
+            reason = f"{gains(gain)}, less than its penalty"
         bound = _bound(of, score, scaling)
         answers[which] = Rejected(which, reason, bound, alone.get(score.name), fitted.get(score.name))
     return tuple(answers.values())

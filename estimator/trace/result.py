@@ -128,5 +128,5 @@ def reasons_of(judged: Judged, others: tuple[Rejected, ...]) -> tuple[str, ...]:
     failed = judged.against
     passed = [check.sentence for check in judged.checks if check.passed and check.name in ("noise floor", "held out")]
     other = "other " if judged.named else ""
-    tested = f"{len(others)} {other}kinds of effects were tested; none gains more than chance beside the model"
+    tested = f"{len(others)} {other}kinds of effects were tested; none raises 2 ln L by more than chance"
     return (*failed, *passed, *([] if failed else [tested]))

@@ -33,6 +33,11 @@ _COUNTED = {
 }
 
 
+_OF_A_PROCESSOR = {
+    "waited": "loop waited for a processor", "stolen": "used by the hypervisor", "pressed": "CPU fully loaded",
+}  # fmt: skip
+
+
 def angle(material: Material) -> str:
     """Where the errors of angle and rate come from, when the run has been scored."""
     result, score = material.result, material.result.score
@@ -163,10 +168,10 @@ def ledger(material: Material) -> str:
     if result.load is not None:
         fields = type(result.load).model_fields
         rows = [
-            (name, percent(share), fields[name].description or "")
+            (_OF_A_PROCESSOR.get(name, name), percent(share), fields[name].description or "")
             for name, share in result.load.model_dump(exclude_none=True).items()
         ]
-        parts.append(table("What the host needed of a processor, and lacked", ("", "share", ""), rows, (1,)))
+        parts.append(table("Processor time that the host used, and that it did not get", ("", "share", ""), rows, (1,)))
     return "".join(parts)
 
 

@@ -23,11 +23,11 @@ def section(material: Material) -> str:
     if angle.plain_rad is not None and angle.control_imperfection_rms_rad is not None:
         said += (
             " The patent's formula (11), which subtracts the virtual rotation only, gives "
-            f"{_both(angle.plain_rad)}. Turn caused by drive forces (already subtracted): "
+            f"{_both(angle.plain_rad)}. Rotation by drive forces (already subtracted): "
             f"{_both(angle.control_imperfection_rms_rad)} rms."
         )
     if angle.why:
-        said += f" It is by {angle.why}."
+        said += f" The angle is computed by {angle.why}."
     *sizes, expanded = together(
         [*(row.contribution_rad for row in result.uncertainty), result.angle_expanded_rad], "rad"
     )
@@ -42,7 +42,7 @@ def section(material: Material) -> str:
     ]
     rows.append((f"expanded, k = {COVERAGE:g}", expanded, "", "twice the root of the sum of squares"))
     head = ("source", "contribution", "standard uncertainty", "how it reaches the angle")  # what a phone shows first
-    return paragraph(said) + table("What the angle's uncertainty is made of", head, rows, (1, 2))
+    return paragraph(said) + table("Uncertainty budget of the angle", head, rows, (1, 2))
 
 
 def _both(angle_rad: float) -> str:

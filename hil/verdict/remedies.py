@@ -43,7 +43,7 @@ def remedy(row: Contribution, bench: Bench) -> Remedy:
     if row.source == UNDECLARED:
         return _excitation(bench)
     if row.source == LACKING:
-        return Remedy("hil trace the run with --add better.bench.toml, and run with that bench file")
+        return Remedy("hil trace RUN --add better.bench.toml, then hil run better.bench.toml")
     if row.source == DAMPING:
         return Remedy("measure the damping, and declare its uncertainty by [observer.initial_sd] damping")
     key = f"{row.source.replace(' ', '_')}_u{'_s' if row.unit == 's' else ''}"

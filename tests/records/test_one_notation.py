@@ -42,7 +42,7 @@ def test_of_a_diagnosis(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> N
     print_diagnosis(to_model(found, record="ride", bench="S-test"))
     out = capsys.readouterr().out
     assert as_a_computer_writes(out) == []
-    assert "it gains 5.32 × 10⁷ in twice the log-likelihood" in out
+    assert "it raises 2 ln L by 5.32 × 10⁷" in out
     assert "%" not in re.sub(r"\u00a0%|95 %", "", out)  # one style for per cent
     assert significant(123_456.0) == "123\u202f000"
 

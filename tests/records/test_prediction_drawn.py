@@ -72,7 +72,7 @@ def test_what_was_traced_by_the_free_run_is_measured_against_that() -> None:
     found = drawn(traced(free_run=(before, np.zeros((n, 2)))))
     assert found.title == "Measured and simulated"
     assert "before 5.00\u00a0mV rms, after 0\u00a0V rms" in found.caption
-    assert "sees the drive only" in found.caption
+    assert "uses only the drive" in found.caption
 
 
 def test_nothing_is_drawn_of_what_was_lost() -> None:

@@ -91,7 +91,7 @@ def test_what_cannot_be_undone_is_bounded(tmp_path: Path) -> None:
     held_out = said["held_out"]
     assert held_out["after"]["simulation_rmse"] < held_out["before"]["simulation_rmse"]
     assert len(said["reasons"]) == 3  # of the effect, of the floor, and of all others
-    assert "other kinds of effects were tested; none gains more than chance" in said["reasons"][-1]
+    assert "other kinds of effects were tested; none raises 2 ln L by more than chance" in said["reasons"][-1]
 
 
 @pytest.mark.beyond(1)

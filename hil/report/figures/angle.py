@@ -78,7 +78,7 @@ def angle_figure(material: Material) -> Drawing | None:
     if expanded:
         caption += " Bands: the expanded uncertainty (k = 2) since scoring starts."
     if invalid.any():
-        caption += " Red along the axis: the ellipse was too round for its angle to mean something."
+        caption += " Red along the axis: the quadrature was too large, so the angle is not valid."
     ends = [float(estimates.part(row, row + 1)["angle_rad"][0]) for row in (0, len(estimates) - 1)]
     runs = f"from {significant(ends[0], 4)} to {significant(ends[1], 4)} rad over {span[1] - span[0]:.4g} seconds"
     alt = f"Two panels over time. The reported angle runs {runs}. Difference from {against}: {figures}."

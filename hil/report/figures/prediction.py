@@ -82,10 +82,10 @@ def prediction_panels(
     leaves = (
         sizes[0] if len(left) == 1 else ", ".join(f"{one.name} {size}" for one, size in zip(left, sizes, strict=True))
     )
-    how = "a sample ahead, from all samples before it" if ahead else "by a free run, which sees the drive only"
+    how = "one sample ahead, from all samples before it" if ahead else "by a free run, which uses only the drive"
     caption = (
-        f"{where}: above, what was measured (points) and what the model makes of it (line{'s' * (len(left) > 1)}), "
-        f"{word} {how}; below, the one minus the other here: {leaves}."
+        f"{where}: above, measured (points) and computed by the model (line{'s' * (len(left) > 1)}), {word} {how}; "
+        f"below, measured minus {word}: {leaves}."
     )
     return Drawing(figure, f"Measured and {word}", caption, f"Two curves over time, and their difference. {caption}")
 
