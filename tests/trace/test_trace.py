@@ -132,8 +132,8 @@ def test_every_candidate_that_is_not_named_says_what_it_gains_and_how_large_it_i
     """Of unit columns and unit noise: 1.96/√2000 to either side of a size of √(gain/2000)."""
     found = rejected(a=(1, 60.0), b=(1, 15.0), c=(1, 3.0))
     assert set(found) == {"b", "c"}
-    assert found["b"].reason.startswith("gains 1")
-    assert float(found["c"].reason.split()[1]) == pytest.approx(3.0, rel=0.05)
+    assert found["b"].reason.startswith("raises 2 ln L by 1")
+    assert float(found["c"].reason.split(":")[0].split()[-1]) == pytest.approx(3.0, rel=0.05)
     bound = found["c"].bound["c0"]
     assert bound.value == pytest.approx(np.sqrt(3.0 / 2000), rel=0.05)
     assert bound.high - bound.value == pytest.approx(1.96 / np.sqrt(2000), rel=0.15)  # times the scatter's root
@@ -149,7 +149,7 @@ def test_a_candidate_that_was_taken_out_again_says_so() -> None:
     left = rejections(of, replace(found, best=found.base), {}, {}, scaling)
     reasons = {one.name: one.reason for one in left}
     assert set(reasons) == {"a", "b"}
-    assert "beside the others" in reasons["a"]
+    assert "with the others in the model" in reasons["a"]
 
 
 def sentences() -> list[str]:
