@@ -23,7 +23,7 @@ def test_a_fault_is_one_line_and_its_traceback_a_file(
     hil: Hil, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("hil.bench.examples.find", broken)
+    monkeypatch.setattr("hil.sweeping.request.find", broken)
     code, out, err = hil("sweep", "s-slow-noise", "--dry-run")
     assert (code, out) == (3, "")
     assert err.count("\n") == 1
