@@ -28,7 +28,6 @@ def test_no_module_of_the_residual_has_a_tuned_number_of_its_own() -> None:
         ("analysis", "_SHOWN"),
         ("spectrum", "BAND"),
         ("spectrum", "_LISTED"),
-        ("whiteness", "LIMITING"),
         ("analysis", "_FAMILIES"),  # how many kinds of finding the module has
         ("analysis", "_SMALLEST_POWER"),  # of a text
         ("spectrum", "_CORRELATED"),  # of a Hann window, as of the one below
