@@ -29,7 +29,7 @@ import hil
 from benchmarks.row import Row, Say
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import plan_of, toml_of
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 
 KILLS = 10
 TURNS = 3

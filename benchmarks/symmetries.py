@@ -28,7 +28,7 @@ from evaluation.undeclared.tracing import trace_all
 from hil.bench import Bench, override
 from hil.bench.template import template, values_of
 from hil.records.atomic import write_text
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 
 SAMPLES, DRAW = 24_000, 1
 FOLDER = Path("runs/symmetries")

@@ -84,7 +84,7 @@ STRUCTURE = {
     "estimator/trace/symmetries.py",
     "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
     "hil/toml/text.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
-    "estimator/rate_sensor/surroundings.py", "hil/generating/written.py",
+    "estimator/rate_sensor/surroundings.py", "hil/generating/estimator_files.py",
 }  # fmt: skip
 
 

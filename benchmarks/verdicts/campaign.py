@@ -77,7 +77,7 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     from hil.running.request import RunRequest
     from hil.running.run import run
     from hil.scoring.score import score
-    from hil.toml.strict import parse_table
+    from hil.toml.reading import parse_table
 
     place = folder / f"{order.draw}-{order.name}"
     shutil.rmtree(place, ignore_errors=True)

@@ -24,10 +24,10 @@ from estimator.identify.prediction import Holding, Prediction, share_of_limit
 from evaluation.identifying.__main__ import here
 from evaluation.identifying.boards import Drawn, draw, written
 from hil.bench import Bench
+from hil.identifying.advice import predicted
 from hil.identifying.bench_file import bench_of
 from hil.identifying.findings import Findings
 from hil.identifying.identify import identify
-from hil.identifying.predicted import predicted
 from hil.identifying.request import request_of
 from hil.progress import untold
 from hil.records.estimates import Estimates

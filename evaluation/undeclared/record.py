@@ -32,7 +32,7 @@ from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.capture import board_layout, import_layout
 from hil.records.stream import BlockWriter
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 
 SAMPLES = 60_000
 _ATTEMPTS = 20

@@ -15,7 +15,7 @@ from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import Section, check_matrix
 from hil.bench.tables import Tables
 from hil.errors import InputError
-from hil.toml.strict import parse_table, read_table
+from hil.toml.reading import parse_table, read_table
 
 
 class Bench(Tables):

@@ -9,7 +9,7 @@ from typing import Any
 
 from hil.errors import InputError
 from hil.errors.arguments import path_of
-from hil.toml.strict import suggestion
+from hil.toml.reading import suggestion
 
 
 def directory() -> Path:

@@ -107,7 +107,7 @@ def _checked(table: Mapping[str, Any]) -> Modes:
     try:
         return Modes.model_validate(table)
     except ValidationError as error:
-        from hil.toml.strict import one_line
+        from hil.toml.reading import one_line
 
         raise ValueError(one_line(error, Modes).replace("[", "", 1).replace("]", "", 1)) from None
 

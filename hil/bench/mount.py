@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from hil.bench.section import NotNegative, Section, as_tuple
-from hil.toml.strict import parse_table, read_table
+from hil.toml.reading import parse_table, read_table
 
 _UNIT = 1e-3  # by which the length of a unit vector may be off one, as written with four digits
 _WORST = 1e3  # condition number beyond which an angle's error would be that many times larger in the attitude

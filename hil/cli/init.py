@@ -79,7 +79,7 @@ def init(
     from hil.records.atomic import write_text
     from hil.records.kind import fresh
     from hil.records.run_name import named_by
-    from hil.toml.strict import parse_table, table_of
+    from hil.toml.reading import parse_table, table_of
 
     if plugin is not None:
         _write_plugin(plugin, out, replace=replace, as_json=json)

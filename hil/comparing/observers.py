@@ -17,7 +17,7 @@ from hil.inputs.captured import gaps_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.plugins.of_bench import recorded_observer
 from hil.records.methods import MethodKind
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 from hil.verdict.budget import combined, contributions
 from hil.verdict.uncertainty import Sources
 

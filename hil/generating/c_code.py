@@ -11,10 +11,10 @@ from estimator.observer import Observer
 from hil.bench import Bench
 from hil.bench.classic import CLASSIC
 from hil.errors import InputError
+from hil.generating.estimator_files import INTERFACE, decimal, files_of, filled
 from hil.generating.fmu import write_fmu
 from hil.generating.golden import Golden, golden
 from hil.generating.sizes import Sizes, sizes
-from hil.generating.written import INTERFACE, decimal, files_of, filled
 from hil.inputs.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
 from hil.plugins.finding import Kind, called
 from hil.plugins.native import HEADER

@@ -11,7 +11,7 @@ from xml.etree import ElementTree as Xml
 from estimator.core.compiler import CompilerError, compile_library
 from estimator.observer import Observer
 from hil.errors import InputError
-from hil.generating.written import decimal, filled
+from hil.generating.estimator_files import decimal, filled
 
 MODEL = "gyro_estimator"
 _SOURCES = ("gyro_estimator.c", "gyro_estimator.h", "fmi3.c")

@@ -1,69 +1,153 @@
-"""Settings proposed for a device that was identified: what its drive, its noise and its frequency allow."""
+"""What the proposed settings will reach on a board that was identified, in figures and in a sentence each."""
 
-from typing import Any
+import math
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from hil.identifying.findings import Findings
-from hil.wire.messages import Capabilities
+from estimator.identify.prediction import Holding, Loop, Prediction, rate_needed_Hz
+from estimator.settings import ObserverSettings
+from hil.bench import Bench
+from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
+from hil.numbers import quantity, significant
+from hil.wire.messages import Identity
 
-# In cycles of the vibration, as all of this scales with it.
-MEMORY, SETTLE, LENGTH, TURN = 400.0, 2000.0, 5500.0, 3000.0
-_SWING = 0.45  # of the limit of the sense voltages
-_HOLDING = 0.5  # of the drive, to make the springs alike and replace what damping takes
-_TURNING = 0.1  # of it, for the virtual rotation
-_DITHER = 0.04  # of it, rms
-_GAIN = 0.02
-_LEAST_STIFFNESS, _LEAST_DAMPING = 1e-5, 0.02
-_WIDER = 3.0  # than the uncertainty: what a temperature moves meanwhile
+_RAD_PER_RTS = math.degrees(60.0)  # ° per √h
+_TRIED = 2.0  # times of a setting, to see whether a wish hangs on it
+_WORTH = 1.05  # times, from which on it does
 
 
-def settings_of(found: Findings, amplitude_m: float | None) -> dict[str, dict[str, Any]]:
-    """By section of the bench file and key; SI per unit mass."""
-    omega, drive = found.omega, found.largest_mps2
-    hertz, rate = omega / (2.0 * np.pi), found.identity.tick_rate_Hz
-    amplitude = amplitude_of(found) if amplitude_m is None else amplitude_m
-    rotation = min(2.0 * np.pi * hertz / TURN, _TURNING * drive / (2.0 * omega * amplitude))
-    k, d = omega**2, 0.5 * (found.value("dxx") + found.value("dyy"))
-    stiffness = max(_WIDER * max(found.u(name) for name in ("kxx", "kyy", "kxy")) / k, _LEAST_STIFFNESS)
-    damping = max(_WIDER * max(found.u(name) for name in ("dxx", "dyy", "dxy")) / d, _LEAST_DAMPING)
-    force = max(found.force_mps2_per_rtHz, 1e-12 * k * amplitude / np.sqrt(hertz))
-    in_blocks = Capabilities.LOCKSTEP not in Capabilities(found.identity.capabilities)
-    every = max(round(rate / hertz), 1)
-    return {
-        "device": {"amplitude_m": amplitude},
-        "loop": {
-            "mode": "gain"
-            if in_blocks and Capabilities.GAIN_MODE in Capabilities(found.identity.capabilities)
-            else "force",
-            "clock": "real" if in_blocks else "lockstep",
-            "duration_s": LENGTH / hertz,
-            "settle_s": SETTLE / hertz,
-            "estimate_every": every,
-        },
-        "observer": {"memory_s": MEMORY / hertz, "acquisition_s": 20.0 / hertz},
-        "observer.initial_sd": {"stiffness": stiffness, "damping": damping, "rate_rad_s": 2.0},
-        "observer.process_noise": {
-            "force_mps2_per_rtHz": float(force),
-            "rate_rad_s_per_rts": float(0.05 * np.sqrt(hertz / 200.0)),
-        },
-        "controller": {
-            "energy_gain": _GAIN,
-            "quadrature_gain": _GAIN,
-            "virtual_rotation_rad_s": float(rotation),
-            "dither_mps2": _DITHER * drive,
-            "force_limit_mps2": drive,
-        },
+class Wishes(NamedTuple):
+    """What the user asks for: largest noise of the angle [rad], least bandwidth of the angle [Hz]."""
+
+    angle_noise_rad: float | None = None
+    bandwidth_Hz: float | None = None
+
+
+class Advice(NamedTuple):
+    """A prediction; what needs which loop rate [Hz] beside the board's; wishes that are not reached, each in a line."""
+
+    prediction: Prediction
+    needed_Hz: dict[str, float]
+    rate_Hz: float
+    omega: float
+    missed: tuple[str, ...] = ()
+
+    @property
+    def loop_rate_Hz(self) -> float:
+        """The rate that all of it needs."""
+        return max(self.needed_Hz.values())
+
+    def as_json(self) -> dict[str, Any]:
+        """In JSON values; a bandwidth beyond half of the resonance is null."""
+        told = self.prediction._asdict()
+        finite = {name: None if isinstance(one, float) and math.isinf(one) else one for name, one in told.items()}
+        rates = {"loop_rate_needed_Hz": self.loop_rate_Hz, "loop_rate_Hz": self.rate_Hz}
+        return {**finite, **rates, "sentences": list(self.sentences), "missed": list(self.missed)}
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """A plain one for each figure."""
+        told = self.prediction
+        walk = told.angle_random_walk_rad_per_rts
+        ratio = self.rate_Hz / self.loop_rate_Hz
+        why = max(self.needed_Hz, key=lambda name: self.needed_Hz[name])
+        enough = f"{ratio:.3g} × that" if ratio >= 1.0 else f"too slow by {1.0 / ratio:.3g} ×"
+        return (
+            f"Noise of the angle at a constant rate: {quantity(told.angle_noise_rad, 'rad')} rms.",
+            f"Angle random walk: {quantity(walk, 'rad/√s')} ({significant(walk * _RAD_PER_RTS, 3)} °/√h).",
+            f"Bandwidth, −3 dB: angle {_hertz(told.angle_bandwidth_Hz)}, rate {_hertz(told.rate_bandwidth_Hz)}.",
+            _margin(told, self.omega, self.rate_Hz),
+            f"Loop rate: at least {quantity(self.loop_rate_Hz, 'Hz')} ({why}); the board has "
+            f"{quantity(self.rate_Hz, 'Hz')}, {enough}.",
+        )
+
+
+def predicted(bench: Bench, identity: Identity) -> Prediction:
+    """Of a bench on its board."""
+    return _loop(bench, identity, observer_settings_of(bench)).prediction(_holding(bench))
+
+
+def advice_of(bench: Bench, identity: Identity, wishes: Wishes) -> Advice:
+    """The same, with the loop rate that it needs, and what stands against a wish."""
+    told = predicted(bench, identity)
+    omega = float(np.sqrt(bench.target_stiffness_per_s2))
+    advice = Advice(told, rate_needed_Hz(omega, told), identity.tick_rate_Hz, omega)
+    return advice._replace(missed=_missed(bench, identity, told, wishes))
+
+
+def _loop(bench: Bench, identity: Identity, settings: ObserverSettings) -> Loop:
+    law = controller_settings_of(bench, identity)
+    return Loop(board_device_of(bench), settings, law)
+
+
+def _holding(bench: Bench) -> Holding | None:
+    if bench.loop.in_blocks:
+        return None
+    limits = bench.limits
+    return Holding(limits.energy_error, limits.quadrature, limits.invalid_fraction)
+
+
+def _missed(bench: Bench, identity: Identity, told: Prediction, wishes: Wishes) -> tuple[str, ...]:
+    """Wishes that are not reached, each with the setting on which that hangs most, and what it costs."""
+    lines = []
+    for what, wish, got, unit in (
+        ("angle noise", wishes.angle_noise_rad, told.angle_noise_rad, "rad"),
+        ("bandwidth", wishes.bandwidth_Hz, told.angle_bandwidth_Hz, "Hz"),
+    ):
+        wants_less = unit == "rad"
+        if wish is None or (got <= wish if wants_less else got >= wish):
+            continue
+        key, other = _limiting(bench, identity, told, wants_less=wants_less)
+        asked = f"{what} of {quantity(wish, unit)} is not reached, {quantity(got, unit)} is predicted"
+        lines.append(f"{asked}: {_cure(key, other, wants_less=wants_less)}")
+    return tuple(lines)
+
+
+def _limiting(bench: Bench, identity: Identity, told: Prediction, *, wants_less: bool) -> tuple[str, Prediction | None]:
+    """The key that gains most, changed so many times, with what is predicted then; the noise where none does."""
+    settings, times = observer_settings_of(bench), 1.0 / _TRIED if wants_less else _TRIED
+    noise = settings.process_noise
+    tried = {
+        "[observer.process_noise] rate_rad_s_per_rts": replace(
+            settings, process_noise=replace(noise, rate=noise.rate * times)
+        ),
+        "[observer] memory_s": replace(settings, memory=settings.memory / times),
     }
+    found = {key: _loop(bench, identity, one).prediction(None) for key, one in tried.items()}
+
+    def gained(one: Prediction) -> float:
+        noises, bands = told.angle_noise_rad / one.angle_noise_rad, one.angle_bandwidth_Hz / told.angle_bandwidth_Hz
+        return noises if wants_less else bands
+
+    best = max(found, key=lambda key: gained(found[key]))
+    if gained(found[best]) < _WORTH:
+        return "[device.sense] noise_V" if wants_less else "[device] sample_rate_Hz", None
+    return best, found[best]
 
 
-def amplitude_of(found: Findings) -> float:
-    """Where neither the sense voltages nor the drive that holds it come near their ends."""
-    swing = min(
-        (_SWING * limit - abs(found.value(f"offset_{axis}"))) / abs(found.value(f"gain_{axis}"))
-        for axis, limit in zip("xy", found.limit_V, strict=True)
+def _cure(key: str, other: Prediction | None, *, wants_less: bool) -> str:
+    if other is None:
+        return f"{key} limits it, which no setting changes"
+    less = wants_less == (key != "[observer] memory_s")
+    return (
+        f"{key} limits it; {'half' if less else 'twice'} of it gives {quantity(other.angle_noise_rad, 'rad')} and "
+        f"{_hertz(other.angle_bandwidth_Hz)}"
     )
-    k = found.omega**2
-    uneven = max(abs(found.value("kxx") - k), abs(found.value("kyy") - k)) + abs(found.value("kxy"))
-    damped = found.omega * max(found.value("dxx"), found.value("dyy"), 0.0)
-    return float(min(swing, _HOLDING * found.largest_mps2 / max(uneven + damped, 1e-300)))
+
+
+def _hertz(value: float) -> str:
+    return "beyond half of the resonance" if math.isinf(value) else quantity(value, "Hz")
+
+
+def _margin(told: Prediction, omega: float, rate_Hz: float) -> str:
+    late = told.delay_margin_s
+    if late is None:
+        return "Delay margin: not predicted in gain mode; the board closes the loop there."
+    degrees, ticks = significant(math.degrees(late * omega), 3), significant(late * rate_Hz, 3)
+    most = "at least " if told.margin_open else ""
+    return (
+        f"Delay margin: the drive may act {most}{quantity(late, 's')} ({ticks} ticks, {degrees}° at the resonance) "
+        "later than IDENTITY says; beyond that amplitude or quadrature leaves [limits]."
+    )

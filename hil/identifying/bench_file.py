@@ -10,7 +10,7 @@ from hil.identifying.findings import Findings
 from hil.identifying.recording import full_scale_mps2
 from hil.identifying.request import IdentifyRequest
 from hil.numbers import significant
-from hil.toml.strict import parse_table, table_of
+from hil.toml.reading import parse_table, table_of
 
 _UNTOLD = "NOT TOLD by a record"
 _DELAY = "measured of drive and sense together: neither is longer, as none is negative"

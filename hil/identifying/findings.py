@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from estimator.identify.derived import Constant, constants_of
 from estimator.identify.fit import Fitted
-from hil.identifying.predicted import Advice
+from hil.identifying.advice import Advice
 from hil.wire.messages import Identity
 
 

@@ -15,12 +15,12 @@ from estimator.identify.start import NoMotionError, start
 from hil.boards.emulation import is_emulated
 from hil.boards.identity import identity_at
 from hil.errors import InputError
-from hil.identifying.advice import settings_of
+from hil.identifying.advice import advice_of
 from hil.identifying.bench_file import bench_of, text_of
 from hil.identifying.faults import codes_of, faults_of
 from hil.identifying.findings import Findings, findings_of
 from hil.identifying.nonlinear import amplitude_dependence
-from hil.identifying.predicted import advice_of
+from hil.identifying.proposal import settings_of
 from hil.identifying.recording import (
     Experiment,
     Run,

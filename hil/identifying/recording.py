@@ -20,7 +20,7 @@ from hil.running.request import RunRequest
 from hil.running.run import RunResult
 from hil.running.run import run as run_apart
 from hil.running.safety import alarm_of
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import Capabilities, Identity
 

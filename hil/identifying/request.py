@@ -10,8 +10,8 @@ from hil.bench.examples import find
 from hil.boards.emulation import is_emulated, located
 from hil.errors import InputError
 from hil.errors.arguments import names_of, require
+from hil.identifying.advice import Wishes
 from hil.identifying.options import LocalIdentifyOptions
-from hil.identifying.predicted import Wishes
 from hil.identifying.recording import ticks
 from hil.numbers import counted
 from hil.options import chosen

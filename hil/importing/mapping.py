@@ -19,7 +19,7 @@ from hil.importing.units import (
     require_own_unit,
 )
 from hil.records.capture import Hold
-from hil.toml.strict import read_toml
+from hil.toml.reading import read_toml
 
 Mark = Annotated[str, Field(min_length=1, max_length=1)]
 Rows = Annotated[

@@ -13,7 +13,7 @@ from hil.importing.mapping import Name
 from hil.importing.matlab_whole import missing_bytes
 from hil.importing.read_back import Exported, exported_in
 from hil.importing.source import Selection, Table, Values, Wanted, kept_rows, numbers
-from hil.toml.strict import near_or_all
+from hil.toml.reading import near_or_all
 
 _PART = re.compile(r"([A-Za-z]\w*)((?:\([^()]*\)|\{[^{}]*\})*)")
 _INDEX = re.compile(r"[({]([^(){}]*)[)}]")

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.importing.mapping import Name
-from hil.toml.strict import near_or_all
+from hil.toml.reading import near_or_all
 
 Values = npt.NDArray[Any]
 

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 from hil.records.units import LEVELS
-from hil.toml.strict import suggestion
+from hil.toml.reading import suggestion
 
 _TURN_RAD = 6.283185307179586
 _G = 9.80665

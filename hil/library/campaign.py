@@ -71,7 +71,7 @@ class Sweep:
     def dependence_of(self, figure: str) -> "Dependence | None":
         """The same of another column of numbers.  Raises InputError where there is none of that name."""
         from hil.sweeping.dependence import dependence
-        from hil.toml.strict import suggestion
+        from hil.toml.reading import suggestion
 
         if figure not in self.table.column_names:
             raise InputError(f"{figure}: no such column; {suggestion(figure, self.table.column_names)}")

@@ -21,7 +21,7 @@ from hil.bench import Bench
 from hil.bench.classic import PLUGIN
 from hil.errors import InputError
 from hil.errors.package import loaded
-from hil.toml.strict import suggestion
+from hil.toml.reading import suggestion
 
 Kind = Literal["observer", "controller"]
 SHIPPED = {name: Path(__file__).with_name("native") / f"lib{name}.so.1" for name in (PLUGIN, "slow_flow")}

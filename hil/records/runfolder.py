@@ -122,7 +122,7 @@ class RunFolder:
         """The bench file as plain tables: old runs stay readable when the bench file's rules change. Raises InputError
         when it is none at all: neither [device] nor [loop] is in it; or when it is not what was run.
         """
-        from hil.toml.strict import read_table  # and the library that checks what is written there
+        from hil.toml.reading import read_table  # and the library that checks what is written there
 
         if not self.bench_path.exists():
             return {}

@@ -210,7 +210,7 @@ def device(material: Material) -> str:
     """What the bench file's numbers come to; nothing for one that this version does not read, or of a rate sensor."""
     from hil.bench import Bench
     from hil.bench.derived import derived
-    from hil.toml.strict import parse_table
+    from hil.toml.reading import parse_table
 
     try:
         bench = parse_table(material.folder.bench, Bench, "bench.toml")

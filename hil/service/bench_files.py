@@ -8,7 +8,7 @@ from typing import Literal
 
 from hil.bench import examples
 from hil.errors import InputError
-from hil.toml.strict import suggestion
+from hil.toml.reading import suggestion
 
 Kind = Literal["bench", "scenario", "map", "campaign"]
 

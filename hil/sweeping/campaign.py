@@ -11,7 +11,7 @@ from hil.bench.section import Section, as_tuple
 from hil.options import chosen, with_fields
 from hil.running.options import OF_THE_LOOP, RunOptions
 from hil.sweeping.instrument import Chamber, Instrument, Table
-from hil.toml.strict import parse_table, read_table
+from hil.toml.reading import parse_table, read_table
 from hil.tracing.options import TraceOptions
 
 Value = float | int | bool | str

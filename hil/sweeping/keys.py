@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hil.errors import InputError
-from hil.toml.strict import suggestion
+from hil.toml.reading import suggestion
 
 Table = dict[str, Any]
 _PART = re.compile(r"([A-Za-z0-9_:-]+)((?:\[\d+\])*)")

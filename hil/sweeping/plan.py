@@ -17,7 +17,7 @@ from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.keys import Table, parts_of, plain, put, value_at
 from hil.sweeping.tasks import Row, Task
-from hil.toml.strict import parse_table, read_table, suggestion
+from hil.toml.reading import parse_table, read_table, suggestion
 from hil.toml.text import toml_key, toml_value
 
 if TYPE_CHECKING:

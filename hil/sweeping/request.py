@@ -16,7 +16,7 @@ from hil.sweeping.baseline import read_baseline
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.options import LocalSweepOptions, SweepOptions
 from hil.sweeping.plan import Plan, plan_of, read_plan
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 
 if TYPE_CHECKING:
     import pyarrow

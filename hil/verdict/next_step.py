@@ -15,7 +15,7 @@ from hil.records.diagnosis import Diagnosis
 from hil.records.methods import Methods
 from hil.records.result import Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder, run_of
-from hil.toml.strict import read_table
+from hil.toml.reading import read_table
 from hil.verdict.model import trace_command
 
 _ADDED = "better.bench.toml"

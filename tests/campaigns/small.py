@@ -5,7 +5,7 @@ from typing import Any
 
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import Plan, plan_of
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 
 Table = dict[str, Any]
 

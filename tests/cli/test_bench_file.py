@@ -8,7 +8,7 @@ import pytest
 from hil.bench import Bench, examples, load_bench, override
 from hil.bench.template import missing, template, values_of
 from hil.errors import InputError
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference"
 

@@ -12,7 +12,7 @@ from hil.bench import Bench, load_bench, override
 from hil.bench.field_units import FIELD_UNITS, other_keys
 from hil.bench.template import missing, put_in, template, values_of
 from hil.bench.text import keys, sections
-from hil.toml.strict import parse_table
+from hil.toml.reading import parse_table
 from tests.cli.conftest import Hil
 from tests.cli.test_bench_file import MINIMAL, bench_file, complaint
 from tests.cli.test_errors import refused

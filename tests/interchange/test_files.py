@@ -30,7 +30,7 @@ from hil.records.kind import fresh
 from hil.records.listing import listed
 from hil.records.result import Result
 from hil.service.catalogue.entry import read_entry
-from hil.toml.strict import parse_table, read_table
+from hil.toml.reading import parse_table, read_table
 from tests.interchange.written import T_S, X_V
 
 PLAIN = "t_s,vx_V\n" + "".join(f"{t},{v}\n" for t, v in zip(T_S, X_V, strict=True))

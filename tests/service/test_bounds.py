@@ -21,7 +21,7 @@ import hil
 from hil.errors import InputError
 from hil.service.problems import Problem
 from hil.service.security.audit import Audit
-from hil.toml.strict import table_of
+from hil.toml.reading import table_of
 from tests.forked import hil_says
 from tests.service.serving import Serving, own_certificate, serving
 

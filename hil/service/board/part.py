@@ -245,7 +245,7 @@ class BoardPart:
 
 def _parsed(text: str) -> Bench:
     from hil.plugins.finding import require_no_files
-    from hil.toml.strict import parse_table, table_of
+    from hil.toml.reading import parse_table, table_of
 
     try:
         table = table_of(text.encode("utf-8", "surrogatepass"), "bench_toml")
