@@ -76,7 +76,7 @@ def test_it_is_zero_at_the_reference_instant_and_grows_after_it() -> None:
 
 
 @pytest.mark.long
-def test_without_knowing_the_parameters_forces_leave_the_angle_less_certain(
+def test_unknown_parameters_leave_the_angle_less_certain(
     noises: dict[str, tuple[np.ndarray, np.ndarray]],
 ) -> None:
     """What is taken off for forces was computed with estimated constants: known ones leave less to err about, and how
@@ -91,7 +91,7 @@ def test_without_knowing_the_parameters_forces_leave_the_angle_less_certain(
 
 
 @pytest.mark.parametrize("latency", [0, 1, 3])
-def test_reversed_the_virtual_rotation_comes_back_and_the_angle_stays_right(latency: int) -> None:
+def test_a_reversed_virtual_rotation_leaves_the_angle_right(latency: int) -> None:
     truth = replace(TRUTH, latency=latency)
     virtual, period = 5e-3 * truth.omega0, 0.4
     observer = observer_of(truth, SETTINGS, dither=0.3, virtual_reversal=period)
@@ -107,7 +107,7 @@ def test_reversed_the_virtual_rotation_comes_back_and_the_angle_stays_right(late
     assert np.ptp(pattern) < 0.05 * virtual * period
 
 
-def test_an_angular_gain_divides_the_rotation_and_leaves_the_virtual_one_alone() -> None:
+def test_an_angular_gain_leaves_the_virtual_rotation_alone() -> None:
     """The plant turns the pattern by one for one; told that it is 0.8, the observer reports the board's 1/0.8."""
     record = close_loop(observer_of(TRUTH, SETTINGS, dither=0.3), TRUTH, SAMPLES, RATE)
     one = replayed(record, SETTINGS, dither=0.3)

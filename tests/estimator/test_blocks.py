@@ -91,7 +91,7 @@ def test_every_few_samples_the_state_as_it_is_then(record: tuple[Array, Array]) 
         np.testing.assert_allclose(deviation[-1], np.sqrt(np.diagonal(one.covariance)), rtol=1e-12)
 
 
-def test_a_block_ends_with_its_last_sample_and_not_with_the_last_state_that_is_kept(
+def test_a_block_ends_with_its_last_sample(
     record: tuple[Array, Array],
 ) -> None:
     ends = []
@@ -288,7 +288,7 @@ def test_a_late_path_finds_the_drives_of_the_intervals_before(
     np.testing.assert_allclose(kept, drive[5::-1] if effects else np.zeros((6, 2)), rtol=1e-12)
 
 
-def test_from_its_reference_on_an_angle_is_counted_from_a_value_that_is_exact(record: tuple[Array, Array]) -> None:
+def test_an_angle_counts_from_the_exact_value_of_its_reference(record: tuple[Array, Array]) -> None:
     """At that instant it has no variance, and nothing that it shares with the state: then only what has come since."""
     device = replace(TRUTH.device(), angular_gain=0.8)
     one = Observer(device, replace(settings_of(Variant.FULL, Gain.FADING), reference=3.5 / TRUTH.sample_rate))

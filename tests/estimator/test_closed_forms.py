@@ -106,7 +106,7 @@ def test_what_is_held_is_known_and_what_is_not_stays_as_sure_as_it_was() -> None
 
 
 @pytest.mark.moderate
-def test_of_a_long_record_four_states_a_cycle_are_kept_and_scored_beside_the_rate_of_their_instant() -> None:
+def test_a_long_record_keeps_four_states_a_cycle_and_scores_them_in_time() -> None:
     n, split = 202_000, 120_000
     t = np.arange(n) / RATE
     rate = 0.05 * np.sin(2.0 * np.pi * 0.1 * t)
@@ -125,7 +125,7 @@ def test_of_a_long_record_four_states_a_cycle_are_kept_and_scored_beside_the_rat
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("k3", [-1e40, 1e40])
-def test_an_observer_that_does_not_follow_is_told_and_no_error_of_arithmetic(k3: float) -> None:
+def test_an_observer_that_does_not_follow_is_told(k3: float) -> None:
     problem = ring(8000, rate=np.zeros(8000)).carrying({"cubic_stiffness": {"k3x": k3, "k3y": k3}})
     with np.errstate(all="ignore"), pytest.raises(DivergedError, match="the observer diverges on this record; correct"):
         examination.examine(problem, 5000)

@@ -129,7 +129,7 @@ def turning() -> Turning:
     return Turning({"a": slice(0, 1), "b": slice(1, 3)}, np.array([5.0, 9.0]), sensitivity, np.zeros(2), np.zeros(2))
 
 
-def test_effects_that_are_there_add_up_shifts_as_they_are_and_deviations_as_squares() -> None:
+def test_shifts_add_up_and_deviations_add_as_squares() -> None:
     moved = turning().with_shift(*turning().course(["a"], np.array([0.5]), np.array([[0.04]])))
     np.testing.assert_allclose(moved.shift, [0.0, 0.5])
     np.testing.assert_allclose(moved.deviation, [0.0, 0.2])
@@ -199,7 +199,7 @@ def scores(**known: Any) -> Scores:
     return Scores({"drive_gain": slice(0, 2), "sense_gain": slice(2, 3)}, **(usual | known))
 
 
-def test_what_was_tested_goes_to_the_budget_with_its_symbols_sizes_and_sensitivities() -> None:
+def test_what_was_tested_goes_to_the_budget_with_size_and_sensitivity() -> None:
     """The sensitivity has effects that were included meanwhile, and stand in another place."""
     columns = {"sense_gain": slice(0, 1), "other": slice(1, 2), "drive_gain": slice(2, 4)}
     sensitivity = np.array([[0.0] * 4, [1.0, 2.0, 3.0, 4.0]])
@@ -268,7 +268,7 @@ def test_shares_add_up_to_the_whole_where_one_part_takes_from_another() -> None:
     assert shares(np.array([-1.0]), {"a": slice(0, 1)}) == {"a": 0.0}
 
 
-def test_the_constants_are_the_effects_of_which_every_coefficient_is_declared() -> None:
+def test_constants_are_effects_with_every_coefficient_declared() -> None:
     declared = {"hx": 0.01, "hy": 0.02, "gy": 0.005, "mx": 0.1, "clock": 1e-5, "ex": 0.1, "ey": 0.0}
     names = ["cubic_stiffness", "drive_gain", "drive_misalignment", "sense_gain", "sense_cross_coupling"]
     assert calibrated_effects(declared, names, DEVICE) == ("drive_gain", "sense_gain")
@@ -283,7 +283,7 @@ def told_of(score: list[float], normal: list[float]) -> Information:
     )
 
 
-def test_one_constant_is_told_where_the_others_are_as_declared_and_all_where_all_are_off() -> None:
+def test_it_tells_which_constants_are_off() -> None:
     """By hand: a coefficient of deviation s predicts better by s² b²/(1 + s² n) − ln(1 + s² n), twice the log."""
     declared = {"hx": 0.01, "hy": 0.01, "gy": 0.01}
     names = ("drive_gain", "sense_gain")
@@ -303,7 +303,7 @@ def test_nothing_at_all_says_how_much_was_looked_for() -> None:
     assert in_words([], [], [], 30) == "none of the 30 effects tested is significant"
 
 
-def test_what_leaves_most_of_itself_is_said_to_be_nearest_and_has_no_interval() -> None:
+def test_what_leaves_most_of_the_residual_is_only_nearest() -> None:
     words = in_words([], [[lacking("clipping", 0.01)]], [], 30, Nearest("drive_saturation", 5.234))
     assert words.startswith(
         "something is missing that no effect explains by itself: drive_saturation comes nearest and leaves 5.23 × the "

@@ -260,7 +260,7 @@ def test_an_open_loop_has_no_drive_to_be_judged() -> None:
 
 
 @pytest.mark.slow
-def test_estimates_of_coefficients_scatter_over_seeds_as_the_information_says() -> None:
+def test_estimates_scatter_over_seeds_as_the_information_says() -> None:
     everything = next(experiment for experiment in EXPERIMENTS if experiment.name == "all")
     watched = {name: {} for name in ("drive_gain", "sense_gain", "sense_delay", "cubic_stiffness")}
     clean = loop_record(everything, DEVICE, SETTINGS, latency=1, noise=0.0)
@@ -286,7 +286,7 @@ def information(k: int, seed: int) -> tuple[Information, np.ndarray, np.ndarray]
     return found, a, data
 
 
-def test_the_posterior_is_that_of_least_squares_with_the_priors_as_measurements() -> None:
+def test_the_posterior_is_least_squares_with_priors_as_measurements() -> None:
     found, a, data = information(4, 1)
     prior = {"c0": 0.05, "c1": 0.5, "c3": 2.0}
     places = [0, 1, 3]

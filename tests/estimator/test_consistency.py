@@ -82,7 +82,7 @@ def test_extended_kalman_filter_is_consistent_and_reaches_the_bound(record: Reco
 
 
 @pytest.mark.slow
-def test_fading_memory_reports_from_the_actual_covariance_and_not_from_the_inflated_one(record: Record) -> None:
+def test_fading_memory_reports_the_actual_covariance(record: Record) -> None:
     """P is a few times the true variance of constants; C beside it is true (docs/decisions/0008-observer-gains.md)."""
     samples, settings = 2000, ObserverSettings(gain=Gain.FADING, memory=0.05, spread=SPREAD)
     observers = estimated(record, settings, samples, SEEDS)

@@ -263,7 +263,7 @@ def test_a_law_means_what_python_means_by_it(text: str) -> None:
     assert found.real == pytest.approx(meant, rel=1e-6, abs=1e-6)
 
 
-def test_a_fraction_within_fractions_is_not_split_into_real_and_imaginary_parts(
+def test_nested_fractions_are_not_split_into_real_and_imaginary(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """SymPy splits the argument of a hyperbolic tangent to learn whether it is real: of this law, for minutes."""

@@ -188,7 +188,7 @@ def test_flow_with_an_effect_is_that_of_an_integrator(name: str) -> None:
 @pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize("samples_a_cycle", [16, 20, 28])
-def test_a_large_effect_is_followed_beyond_what_its_coefficient_is_known_to(samples_a_cycle: int) -> None:
+def test_a_large_effect_is_followed_beyond_its_prior(samples_a_cycle: int) -> None:
     """A spring that hardens by 15 %: seconds of a record tell its coefficient to 2e-5, and a step must not be off by so
     much.  An error of the second order of the effect and the fourth of the step is 1e-4 there, and biased it.
     """

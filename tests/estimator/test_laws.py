@@ -220,7 +220,7 @@ def test_units_are_those_of_the_laws():
     assert (units["k3x"], units["k2x"], units["kn"], units["qx"]) == ("1/(m²·s²)", "1/(m·s²)", "1/s²", "s²/m")
 
 
-def test_a_drive_that_is_gone_and_a_dead_band_that_adds_would_be_a_saturation() -> None:
+def test_a_lost_drive_and_a_dead_band_that_adds_are_refused() -> None:
     """(1 + h) u − z clip(u) at h = z = −1 is clip(u): what a dead band loses is therefore no less than nothing."""
     named = {effect.name: effect for effect in EFFECTS}
     gain, band, limit = (named[name] for name in ("drive_gain", "drive_dead_band", "drive_saturation"))

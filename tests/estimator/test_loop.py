@@ -27,7 +27,7 @@ def apart(angle: Array, record: Record, begin: int = SETTLED) -> float:
     return float(np.ptp((angle - record.turned)[begin:]))
 
 
-def test_control_law_is_formula_9_with_velocities_and_the_additions_around_it() -> None:
+def test_the_control_law_is_formula_9_with_its_additions() -> None:
     """Scaled; (9) prints positions where its damping terms need velocities."""
     s = np.array([0.6, -0.3, 0.5, 0.2])
     phi, rate, k, d = [0.0, 0.0], 1e-3, (1.1, 0.9, 0.05), (2e-3, 3e-3, 5e-4)
@@ -76,7 +76,7 @@ def test_a_delay_that_is_not_known_locks_the_pattern_to_the_device() -> None:
 
 
 @pytest.mark.moderate
-def test_a_hold_that_is_not_divided_out_leaves_the_forces_short_by_its_sinc() -> None:
+def test_an_uncorrected_hold_leaves_forces_short_by_its_sinc() -> None:
     """The virtual rotation, five times the true one here, comes out short by 1 − sinc(π/20) = 0.41 %."""
     observer = observer_of(TRUTH, SETTINGS)
     short = 1.0 - observer.arrays.settings["hold"][0]

@@ -89,7 +89,7 @@ def test_jacobian_is_that_of_finite_differences(number: int) -> None:
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("number", [GYRO, OSCILLATOR])
-def test_taylor_series_and_matrix_exponential_agree_in_value_and_sensitivity(number: int) -> None:
+def test_taylor_series_and_matrix_exponential_agree(number: int) -> None:
     c, s, u = some_case(number, 3, seed=8)
     value, transition, sensitivity = oracle_flow(evaluated(number), c, s, u, 0.9)
     expected = np.column_stack([value, transition, sensitivity])
@@ -99,9 +99,7 @@ def test_taylor_series_and_matrix_exponential_agree_in_value_and_sensitivity(num
 @pytest.mark.parametrize("more", range(6))
 @pytest.mark.parametrize("part", [1.0, 0.5, 0.07, -0.09])
 @pytest.mark.parametrize("number", [GYRO, OSCILLATOR])
-def test_over_part_of_an_interval_every_column_goes_as_far_as_the_matrix_exponential(
-    number: int, part: float, more: int
-) -> None:
+def test_part_of_an_interval_agrees_with_the_matrix_exponential(number: int, part: float, more: int) -> None:
     """With the order that the whole interval asks for; behind the rest those of effects, which nothing pushes."""
     c, s, u = some_case(number, 2, seed=10 + more)
     states, model = len(s), 1 + len(s) + len(MODELS[number].flow_constants)
@@ -123,7 +121,7 @@ def test_flow_can_be_run_backwards() -> None:
     np.testing.assert_allclose(backward(evaluated(GYRO), c, after, u, 0.9), s, atol=1e-13)
 
 
-def test_runge_kutta_at_20_samples_a_cycle_would_bias_the_stiffness_and_the_flow_does_not() -> None:
+def test_the_flow_at_20_samples_a_cycle_does_not_bias_the_stiffness() -> None:
     """One RK4 step shifts the frequency by h⁴/120, the stiffness by twice that, 1.6e-4 at 20 a cycle."""
     h = 2 * np.pi / 20
     c = np.array([0.0, 1.0, 0.0, 1.0])

@@ -126,7 +126,7 @@ def test_codes_are_volts_of_their_own_channel(record: Record) -> None:
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("latency", [0, 1, 3])
-def test_a_line_is_compensated_in_the_middle_of_the_interval_its_force_acts_on(latency: int) -> None:
+def test_a_line_is_compensated_in_the_middle_of_its_interval(latency: int) -> None:
     omega, (cx, sx, cy, sy) = 900.0, (0.4, -0.2, -0.3, 0.25)
     asked = []
     for effects in ({}, {"base_vibration": {"omega": omega, "bcx": cx, "bsx": sx, "bcy": cy, "bsy": sy}}):

@@ -78,7 +78,7 @@ def test_its_derivatives_are_those_of_differences(sensed, width):
 
 
 @pytest.mark.parametrize("share", [0.02, 0.3, 0.7])
-def test_from_turn_to_turn_it_takes_2_kp_w_times_what_the_amplitude_is_beyond_the_half_width(share):
+def test_a_cycle_loses_2_kp_w_times_the_amplitude_beyond_the_half_width(share):
     """½ k (A₁² − A₂²) = kp w (A₁ + A₂ − 2 w): at both turns the element is as far, the foot went the rest."""
     fine = Device(**(vars(DEVICE) | {"sample_rate": 20.0 * RATE}))
     width = share * AMPLITUDE
@@ -94,7 +94,7 @@ def test_from_turn_to_turn_it_takes_2_kp_w_times_what_the_amplitude_is_beyond_th
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("share", [0.05, 0.4, 0.7])
-def test_the_force_along_a_cycle_encloses_the_closed_form_and_that_of_the_foot_alone_would_drive(share):
+def test_the_force_along_a_cycle_encloses_its_closed_form(share):
     """∮ kp (x − z) dx = 4 kp w (A − w) is taken; ∮ kp z dx is as much with the other sign."""
     x = AMPLITUDE * np.sin(np.linspace(0.0, 4.0 * np.pi, 40001))
     width = share * AMPLITUDE

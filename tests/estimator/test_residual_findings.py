@@ -60,7 +60,7 @@ def test_a_floor_of_the_spectrum_is_held_against_the_declared_noise(off: float, 
         assert one.significance == pytest.approx(off * SURE)
 
 
-def test_where_one_channel_s_floor_is_below_what_is_declared_the_size_is_a_number() -> None:
+def test_a_channel_below_its_declared_floor_still_has_a_size() -> None:
     levels = (3.0, 1.0)
     (found,) = analysis._of_level(
         fit(levels, levels, 1.0), Floor(np.array(levels), 0.01, "the spectrum"), np.tile([1.0, 5.0], (9, 1)), 800, SHARE
@@ -147,7 +147,7 @@ def test_a_band_is_told_where_the_best_of_all_bands_is_not_chance() -> None:
     ("offset", "says"),
     [(0.019, ""), (0.021, ", +0.021 Hz from it"), (-0.021, ", −0.021 Hz from it"), (0.25, ", +0.25 Hz from it")],
 )
-def test_a_line_beside_a_multiple_is_told_with_its_distance_from_a_ten_thousandth_on(offset: float, says: str) -> None:
+def test_a_line_beside_a_multiple_is_told_with_its_distance(offset: float, says: str) -> None:
     (found,) = lines((band(1, -0.1), band(2, -0.1)), line(2, offset))
     assert found.text == f"around 2 × the resonance (400 Hz); one line, strongest at {400.0 + offset:.7g} Hz{says}"
     assert found.size == 1.0  # the band holds more than the line

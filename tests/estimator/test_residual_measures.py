@@ -49,7 +49,7 @@ def test_a_certainty_is_one_however_often_it_is_tried_and_no_deviation() -> None
 
 
 @pytest.mark.parametrize(("n", "lost"), [(4000, 0), (4001, 0), (4000, 400)])
-def test_a_periodogram_is_scipy_s_of_a_hann_window_with_lost_samples_made_up_for(n: int, lost: int) -> None:
+def test_a_periodogram_is_scipy_s_with_lost_samples_made_up_for(n: int, lost: int) -> None:
     """The window's middle is that of the record, its ends are half a sample outside."""
     series = 3.0 + 2.0 * np.random.default_rng(2).standard_normal((n, 2))
     series[700 : 700 + lost, 0] = np.nan
@@ -86,7 +86,7 @@ def test_a_local_floor_is_the_median_of_blocks_of_half_a_resonance(bins: int, bl
 
 
 @pytest.mark.moderate
-def test_a_floor_s_degrees_of_freedom_are_those_of_the_medians_of_windowed_noise() -> None:
+def test_a_floor_has_the_degrees_of_freedom_of_medians_of_noise() -> None:
     """Twice the square of its mean over its variance."""
     random = np.random.default_rng(6)
     floors = []
@@ -124,7 +124,7 @@ def flat(n: int, axes: int = 2) -> Periodogram:
     return Periodogram(frequency, one.copy(), one.copy(), 200.0, np.ones((n, axes), dtype=complex))
 
 
-def test_bands_hold_what_stands_above_the_floor_within_a_sixteenth_of_the_resonance() -> None:
+def test_bands_hold_what_is_above_the_floor_near_the_resonance() -> None:
     seen = flat(3999)
     inside = np.abs(seen.frequency - 400.0) <= 12.5
     seen.density[inside] += np.array([2.0, 1.0])
@@ -273,9 +273,7 @@ def test_from_64_quiet_bins_on_the_spectrum_tells_the_floor(
 
 @pytest.mark.parametrize("axes", [1, 2])
 @pytest.mark.parametrize(("period", "repeats"), [(500, 6), (40, 60), (300, 3)])
-def test_repeats_are_found_with_their_period_and_the_quieter_half_tells_the_noise(
-    axes: int, period: int, repeats: int
-) -> None:
+def test_repeats_are_found_and_the_quieter_half_tells_the_noise(axes: int, period: int, repeats: int) -> None:
     """The first stretch is still settling, and does not count."""
     random = np.random.default_rng(period)
     drive = np.tile(random.standard_normal((period, axes)), (repeats, 1))

@@ -29,7 +29,7 @@ def test_of_the_states_it_is_the_bound_of_the_states():
 
 
 @pytest.mark.moderate
-def test_where_nothing_is_seen_the_rotation_is_the_integral_of_the_rates_random_walk():
+def test_an_unseen_rotation_is_the_integral_of_the_rate_s_random_walk():
     n, h = 400, 1.0 / TRUTH.sample_rate
     settings = replace(SETTINGS, spread=Spread(rate=0.3), reference=0.02, process_noise=ProcessNoise(rate=2.0))
     found, _ = rotation_bound(TRUTH.device(), settings, ideal_states(TRUTH, 1.3, n), lost=np.ones((n, 2), bool))

@@ -207,7 +207,7 @@ def seen_of_two(made: Observer, sensed: tuple[int, int], c: Array, s: Array, u: 
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("sensed", [(1, 0), (0, 1), (2, 1), (1, 2), (2, 2)])
-def test_rows_of_two_axes_beside_effects_of_the_velocity_are_those_of_differences(sensed: tuple[int, int]) -> None:
+def test_rows_of_two_axes_with_velocity_effects_equal_differences(sensed: tuple[int, int]) -> None:
     """A low-pass takes the rate of what is shown, a cross-coupling what the other channel shows: every row of the
     derivatives that the sense chain is given counts.
     """

@@ -93,7 +93,7 @@ def test_who_waits_for_a_helper_is_replaced(monkeypatch):
     assert beside.most == 2
 
 
-def test_the_first_error_in_order_is_raised_and_what_was_not_begun_is_left_out(monkeypatch):
+def test_the_first_error_in_order_is_raised(monkeypatch):
     monkeypatch.setenv(WORKERS, "2")
     begun: list[int] = []
 
@@ -178,7 +178,7 @@ def test_ctrl_c_does_not_wait_for_one_long_call(monkeypatch):
     presser.join()
 
 
-def test_what_is_interruptible_gives_its_result_or_its_error_and_has_all_workers(monkeypatch):
+def test_interruptible_work_gives_its_result_or_its_error(monkeypatch):
     monkeypatch.setenv(WORKERS, "2")
     beside = Beside(0.03)
     assert interruptible(lambda: side_by_side([sleeping(n, 0.01) for n in range(4)] + [beside] * 8)) == [

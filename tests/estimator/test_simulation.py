@@ -58,7 +58,7 @@ def integrated(field, start, steps):
 
 
 @pytest.mark.moderate
-def test_a_driven_single_axis_with_effects_runs_as_an_independent_integrator_says():
+def test_a_driven_single_axis_agrees_with_an_independent_integrator():
     observer = Observer(SINGLE, ObserverSettings(effects={"cubic_stiffness": {}, "nonlinear_damping": {}}))
     state = with_values(observer, x=0.02, vx=-3.0, phi_x=0.01, k3x=7e5, d3x=120.0, drive_gain_x=1.1)
     drive = noise_drive(60, 1, 1e4)

@@ -92,9 +92,7 @@ def test_seven_states_follow_a_changing_rate() -> None:
 @pytest.mark.beyond(1)
 @pytest.mark.slow
 @pytest.mark.parametrize(("spread", "energy"), [(0.0, 0.15), (0.01, 0.01)])
-def test_eleven_states_on_a_board_with_offsets_finish_and_are_given_away_by_their_innovation(
-    spread: float, energy: float
-) -> None:
+def test_the_innovation_betrays_eleven_states_on_a_board_with_offsets(spread: float, energy: float) -> None:
     """What the full observer is for (claim 12): the loop stays up, but the ratio of innovation to prediction tells."""
     truth = replace(BOARD, offset=(0.01 * 0.089, -0.01 * 0.089))
     settings = ObserverSettings(variant=Variant.GYRO, memory=0.5, spread=replace(SPREAD, offset=spread))

@@ -36,7 +36,7 @@ def test_eight_samples_are_enough() -> None:
     assert len(SensorRecord(np.arange(8.0), np.zeros(8))) == 8
 
 
-def test_what_the_surroundings_do_is_in_proportion_to_what_departs_from_the_mean() -> None:
+def test_the_surroundings_act_in_proportion_to_their_departure() -> None:
     warmth = WARM - np.mean(WARM)
     np.testing.assert_allclose(volts("drift", 0.02), 0.02 * (TIME - np.mean(TIME)), atol=1e-15)
     np.testing.assert_allclose(volts("temperature_offset", 0.02), 0.02 * warmth, atol=1e-15)

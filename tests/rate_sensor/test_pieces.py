@@ -74,7 +74,7 @@ def test_a_knee_is_a_softened_limit() -> None:
     np.testing.assert_allclose(acted("soft_saturation", low, high, 1e-4, 1e-4), np.clip(volts, low, high), atol=1e-4)
 
 
-def test_what_is_late_is_the_rate_of_before_and_a_reference_that_lags_is_led() -> None:
+def test_a_late_rate_is_the_one_before_and_a_lagging_reference_is_led() -> None:
     ramp = 2.0 * TIME / STEP / N
     np.testing.assert_allclose((acted("delay", 2.5 * STEP, rate=ramp) - V0)[5:], S * (ramp - 5.0 / N)[5:])
     np.testing.assert_allclose(acted("reference_lag", 0.01, rate=ramp), V0 + S * (ramp + 0.01 * 2.0 / STEP / N))
@@ -121,7 +121,7 @@ def test_a_reference_is_read_below_its_frequency(cut: float) -> None:
     np.testing.assert_allclose(acted("reference_noise", cut), expected, rtol=1e-9)
 
 
-def test_stages_follow_one_another_whatever_the_order_in_which_effects_were_taken() -> None:
+def test_stages_are_in_order_whatever_the_order_of_the_effects() -> None:
     """Reference, rate, curve, surroundings, limit."""
     taken = {
         "saturation": {"lo": -0.9},
@@ -218,7 +218,7 @@ def test_a_line_is_that_of_least_squares_of_the_rows_with_its_intervals() -> Non
     assert 1.0 <= robust < 1.3
 
 
-def test_derivatives_are_those_of_the_law_and_a_signature_is_what_an_effect_adds() -> None:
+def test_derivatives_are_the_law_s_and_a_signature_what_an_effect_adds() -> None:
     of = likelihood(PLAIN)
     layout = of.layout({"quadratic": {}})
     theta = np.array([V0, S, 0.03]) / layout.factor

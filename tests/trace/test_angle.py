@@ -58,7 +58,7 @@ def test_the_angles_bound_is_that_of_coefficients_of_any_size_and_of_none(monkey
     assert bound == pytest.approx(norm.ppf(0.975) * np.sqrt(6.0), rel=1e-9)
 
 
-def test_the_bound_shifts_coefficients_and_no_parameter_and_no_other_effect(monkeypatch):
+def test_the_bound_shifts_the_effect_s_coefficients_alone(monkeypatch):
     effects = {"drive_saturation": {"sx": 1.0, "sy": 1.0, "limit": 3.0}, "sense_gain": {"gy": 0.1}}
     seen = []
 
@@ -126,7 +126,7 @@ def test_an_angle_that_an_examination_read_is_the_one_that_would_be_read():
         np.testing.assert_array_equal(reader.angle(effects), fresh.angle(effects))
 
 
-def test_an_examination_by_another_observer_or_of_another_record_says_nothing_of_the_angle():
+def test_another_observer_or_record_tells_nothing_of_the_angle():
     asked = problem()
     others = asked.under(replace(asked.settings, initial={"kxx": 1.01 * DEVICE.target})), problem()
     assert not AngleReader.of(asked, map(examined, others))._known

@@ -169,7 +169,7 @@ def test_no_disturbance_may_explain_a_part_of_the_innovation(share: float, passe
     assert f"explains {share:.2%} of the innovation's power" in check.sentence
 
 
-def test_deviations_are_those_of_the_posterior_and_each_wider_where_its_estimate_scatters() -> None:
+def test_deviations_are_the_posterior_s_and_wider_where_estimates_scatter() -> None:
     information = np.array([[50.0, 10.0, 0.0], [10.0, 40.0, 5.0], [0.0, 5.0, 30.0]])
     widths = np.array([0.2, 0.3, 0.1])
     inverse = np.linalg.inv(information / 2.0 + np.diag(widths**-2.0))

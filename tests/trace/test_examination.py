@@ -65,7 +65,7 @@ def examined(monkeypatch: pytest.MonkeyPatch, bench: Bench, hz: float = 130.0, s
     return examine(Problem(record, device, ObserverSettings(memory=0.0117)), SPLIT)
 
 
-def test_of_a_long_record_four_states_a_cycle_are_kept_and_every_part_is_whole_strides(
+def test_a_long_record_keeps_four_states_a_cycle_in_whole_strides(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """30.8 samples a cycle: every seventh; the start of 140.4 samples, the split and the end on whole strides."""
@@ -122,7 +122,7 @@ def test_samples_of_one_axis_alone_are_no_number(monkeypatch: pytest.MonkeyPatch
         examined(monkeypatch, Bench(lost_of_x=slice(595, N)))
 
 
-def test_a_record_that_lacks_a_rate_or_an_observer_without_one_has_no_errors_of_it() -> None:
+def test_without_a_rate_there_are_no_errors_of_the_rate() -> None:
     fit = Fit((1.0,), (1.0,), 1.0, 0.5)
     record = Record(np.zeros((9, 2)), np.zeros((9, 2, 1)), np.ones(9))
     assert scored(fit, record, Bench().run(None, record, 1), slice(0, 9), 1) is fit

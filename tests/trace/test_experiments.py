@@ -79,7 +79,7 @@ def orientation(motion: Any) -> Any:
 
 
 @pytest.mark.moderate
-def test_an_experiment_is_400_cycles_at_a_held_amplitude_while_the_pattern_turns() -> None:
+def test_an_experiment_holds_400_cycles_while_the_pattern_turns() -> None:
     record, motion, drive = played("virtual_rotation")
     assert len(record) == 400 * CYCLE
     np.testing.assert_array_equal(record.step, 1 / RATE)

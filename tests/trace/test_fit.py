@@ -18,7 +18,7 @@ from tests.trace.plain import BASE, Array, problem, records
 COLUMNS = {"one": np.random.default_rng(4).standard_normal((600, 1)), "two": np.ones((600, 2)) * [1.0, 0.0]}
 
 
-def test_a_fit_is_where_an_optimiser_finds_the_penalised_likelihood_largest() -> None:
+def test_a_fit_is_an_optimiser_s_largest_penalised_likelihood() -> None:
     """With a prior that pulls, and a noise that is not the one assumed."""
     of = made({"one": COLUMNS["one"]}, {"one": [0.8]}, n=600)
     of = replace(of, y=2.5 * of.y)
@@ -61,7 +61,7 @@ def test_a_coefficient_goes_no_lower_than_its_least() -> None:
     assert found.model.theta[2] == 0.25
 
 
-def test_a_gain_over_another_model_costs_the_parameters_and_counts_as_far_as_it_is_sure() -> None:
+def test_a_gain_over_another_model_costs_the_parameters() -> None:
     of = made({"one": COLUMNS["one"]}, {"one": [0.4]}, n=600)
     small, large = fitted(of), fitted(of, "one")
     assert large.scatter == 1.0  # a fit to noise: no more than its own

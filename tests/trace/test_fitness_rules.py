@@ -176,7 +176,7 @@ def codes(end: int, beside: tuple[int, ...], samples: int = 10_000, *, fast: boo
     ],
 )
 @pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_crowded_end_is_one_with_more_than_twenty_and_five_times_what_is_beside_it(
+def test_a_crowded_end_has_over_twenty_and_five_times_its_neighbours(
     monkeypatch: pytest.MonkeyPatch, end: int, beside: tuple[int, ...], side: float, *, clipped: bool
 ) -> None:
     monkeypatch.setattr(fitness, "reached_at_speed", lambda values, code: True)
@@ -214,7 +214,7 @@ def test_both_ends_together_count(monkeypatch: pytest.MonkeyPatch) -> None:
     assert refused(fitness._require_whole_tops, series, "x") is not None
 
 
-def test_an_end_that_is_not_run_into_and_a_channel_without_samples_are_no_clipping(
+def test_an_unreached_end_and_an_empty_channel_are_no_clipping(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked = []

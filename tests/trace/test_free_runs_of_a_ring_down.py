@@ -55,7 +55,7 @@ def hummed(record: Record) -> Record:
 
 
 @pytest.mark.moderate
-def test_free_runs_of_a_long_record_are_around_the_split_and_count_time_from_its_beginning(
+def test_free_runs_of_a_long_record_lie_around_the_split(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     reach, split = 4000, 9000

@@ -42,7 +42,7 @@ def test_what_passes_stays_as_it_was_chosen(judged: Any) -> None:
     assert (found.named, found.verdict, found.failed) == (["a", "b", "c"], Verdict.EXPLAINED, {})
 
 
-def test_of_those_rejected_the_one_that_gains_least_goes_first_and_the_rest_is_asked_again(judged: Any) -> None:
+def test_the_rejected_effect_that_gains_least_goes_first(judged: Any) -> None:
     found = judged({"abc": "bc"})
     assert (found.named, found.verdict) == (["a", "c"], Verdict.EXPLAINED)
     assert found.failed["b"].sentence == "of b"

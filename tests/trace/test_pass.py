@@ -154,7 +154,7 @@ PLACES = {
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("place", PLACES)
-def test_likelihood_and_scores_of_the_base_model_are_those_of_a_plain_filter(place: str) -> None:
+def test_likelihood_and_scores_of_the_base_model_are_a_plain_filter_s(place: str) -> None:
     case = PLACES[place]
     of, plain, series = case.made()
     layout = of.layout({})
@@ -278,7 +278,7 @@ def test_scores_of_a_watched_effect_are_those_of_a_plain_filter_without_it(name:
 
 @pytest.mark.moderate
 @pytest.mark.parametrize(("name", "searched"), [("interference", "omega"), ("dry_friction", "v0")])
-def test_scores_of_a_searched_parameter_are_the_whole_innovations_differences(name: str, searched: str) -> None:
+def test_scores_of_a_searched_parameter_equal_whole_differences(name: str, searched: str) -> None:
     """Its gain moves along: two runs of the plain filter, each with its own."""
     law = LAWS[name]
     effects, case = law.included(name)

@@ -104,7 +104,7 @@ def test_every_candidate_is_named_or_rejected_once(loaded: Diagnosis) -> None:
 
 
 @pytest.mark.moderate
-def test_what_is_left_is_told_of_all_samples_and_apart_of_those_that_were_held_out(loaded: Diagnosis) -> None:
+def test_the_residual_is_told_of_all_samples_and_of_those_held_out(loaded: Diagnosis) -> None:
     assert loaded.split == 4 * 320
     was, now = loaded.residual_before, loaded.residual_after
     assert was.shape == now.shape == (6 * 320, 1)
@@ -134,7 +134,7 @@ def test_what_nothing_depends_on_is_not_found_to() -> None:
 
 
 @pytest.mark.moderate
-def test_records_that_differ_by_what_nobody_says_are_not_explained_and_which_is_told() -> None:
+def test_records_that_differ_unexplained_are_told_by_name() -> None:
     rng = np.random.default_rng(6)
     members = [
         Member(f"run {i}", decay(rng, 1e-3, K * (1.0 + off), 0.0)) for i, off in enumerate((0.0, 0.02, -0.015, 0.01))
@@ -253,7 +253,7 @@ def test_two_axes_are_one_likelihood_too() -> None:
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("other", [1, 3])
-def test_a_record_of_another_device_is_told_whether_it_was_fitted_or_judges(other: int) -> None:
+def test_a_record_of_another_device_is_told(other: int) -> None:
     records = [driven(seed, 1.003 if seed == other else 1.0, gain=0.0) for seed in range(4)]
     found = trace_pool(gyros(records), (3,))
     assert found.verdict is Verdict.UNEXPLAINED
@@ -287,7 +287,7 @@ def test_decays_of_two_axes_tell_a_spring_that_hardens() -> None:
 
 
 @pytest.mark.moderate
-def test_where_one_record_is_driven_and_another_is_not_a_filter_follows_both() -> None:
+def test_a_filter_follows_a_driven_and_an_undriven_record() -> None:
     found = trace_pool(gyros([ringing(0, 0.0), driven(1), driven(2), driven(3)]), (3,))
     assert found.verdict is Verdict.EXPLAINED, found.reasons
     assert [effect.name for effect in found.effects] == ["drive_gain"]
@@ -367,7 +367,7 @@ def test_the_scores_are_the_slope_of_the_likelihood() -> None:
         assert seen.score.sum(axis=0)[k] == pytest.approx(slope, abs=1e-5 * size), layout.names[k]
 
 
-def test_a_part_is_the_beginning_of_each_and_a_short_one_leaves_the_others_more() -> None:
+def test_a_part_is_the_beginning_of_each_record() -> None:
     records = [driven(seed, samples=count) for seed, count in enumerate((300, 2000, 2000, 500))]
     fit, judges = gyros(records).divided((3,))
     whole = pooled(fit, judges, Filtered)
@@ -384,7 +384,7 @@ def test_temperatures_count_from_one_reading() -> None:
     assert {part.of.beginning.temperature for part in (*whole.parts, *whole.judges)} == {20.0}
 
 
-def test_a_constant_that_goes_with_the_covariate_is_not_held_against_the_one_that_is_declared() -> None:
+def test_a_constant_following_the_covariate_may_differ_from_the_declared() -> None:
     of, layout, _ = of_gyros("load_kg", (dependence("kxx", "load_kg"),))
     assert layout.varying == {"kxx"}
     assert of.layout({}).varying == frozenset()
@@ -442,7 +442,7 @@ def test_a_record_whose_constant_is_elsewhere_does_not_agree() -> None:
             assert float(first.sentence.rsplit("by ", 1)[1].split()[0]) == pytest.approx(scores[0, 1] / 900.0, rel=0.01)
 
 
-def test_where_a_record_begins_is_as_sure_whatever_share_of_the_samples_is_independent() -> None:
+def test_the_initial_state_is_as_sure_whatever_the_share_of_samples() -> None:
     rng = np.random.default_rng(4)
     members = [Member(f"run {i}", decay(rng, a, cubic=0.0)) for i, a in enumerate((2e-3, 1e-3, 1.5e-3))]
     whole = pooled(*pool(members, None).divided((2,)), FreeRun)
@@ -453,7 +453,7 @@ def test_where_a_record_begins_is_as_sure_whatever_share_of_the_samples_is_indep
     np.testing.assert_allclose(spread[layout.constants], 2.0 * layout.deviation[layout.constants])
 
 
-def test_a_record_that_was_not_fitted_begins_at_the_mean_of_those_that_were() -> None:
+def test_an_unfitted_record_begins_at_the_mean_of_the_fitted() -> None:
     rng = np.random.default_rng(4)
     members = [Member(f"run {i}", decay(rng, a, cubic=0.0)) for i, a in enumerate((2e-3, 1e-3, 1.5e-3))]
     whole = pooled(*pool(members, None).divided((2,)), FreeRun)

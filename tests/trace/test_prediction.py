@@ -66,7 +66,7 @@ def runs(monkeypatch: pytest.MonkeyPatch, samples: int, settings: ObserverSettin
     return made[0], errors
 
 
-def test_it_follows_runs_freely_for_20_cycles_and_follows_three_times_as_long(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_runs_freely_for_20_cycles_and_follows_for_60(monkeypatch: pytest.MonkeyPatch) -> None:
     samples = 8000
     begin = 600  # three memories
     made, errors = runs(monkeypatch, samples, ObserverSettings(memory=0.05, gain=Gain.EKF))
@@ -132,7 +132,7 @@ def test_a_free_run_is_told_where_on_the_record_it_begins(monkeypatch: pytest.Mo
         assert told[-1] == (0.75, first)
 
 
-def test_where_the_middle_of_a_long_record_is_read_its_start_is_a_share_of_what_is_read(
+def test_the_start_of_a_middle_part_is_a_share_of_what_is_read(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """An eighth of the 1600 samples around the split."""

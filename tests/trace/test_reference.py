@@ -32,7 +32,7 @@ def asked(before: Any, after: Any, *, reference: bool = True) -> dict[str, tuple
     return {one.what: (one.allowed, one.after <= one.allowed) for one in departures(given, before, after, SPLIT)}
 
 
-def test_an_angle_may_be_off_by_what_its_deviation_and_the_reference_let_it() -> None:
+def test_an_angle_may_be_off_by_its_and_the_reference_s_deviation() -> None:
     """2.6 × √(deviation² + random walk²), the walk that of noise on every sample."""
     walk = NOISE / RATE * np.sqrt(N - SPLIT)
     allowed, passed = asked(examined(0.1, 0.011), examined(0.1, 0.02))["angle"]

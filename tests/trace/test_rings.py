@@ -88,7 +88,7 @@ def test_two_lines_are_two_from_a_tenth_of_the_resonance_apart(apart: float, bot
     assert any(omega == pytest.approx(lines[1][1], abs=0.01 * itself) for omega, _ in found) is both
 
 
-def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_longest(
+def test_the_decay_of_a_line_is_read_beside_its_top(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A decay that no resonance tells, within the longest residual; the mean, which was taken off, tells nothing."""
@@ -104,7 +104,7 @@ def test_how_fast_a_line_dies_away_is_read_beside_its_top_and_else_said_of_the_l
     assert [len(one) for one in seen] == [len(omega)] * 2
 
 
-def test_where_the_top_stands_within_the_spectrum_as_many_bins_count_on_either_side(
+def test_a_top_counts_as_many_bins_on_either_side(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     asked: list[Array] = []

@@ -72,7 +72,7 @@ def test_a_prior_as_tight_as_the_record_halves_a_size() -> None:
     assert found.deviation == pytest.approx(wide.deviation / np.sqrt(2), rel=1e-5)
 
 
-def test_the_prior_of_the_models_own_parameters_counts_where_they_are_projected_out() -> None:
+def test_projecting_out_parameters_keeps_their_prior() -> None:
     """A base column that is known for certain takes nothing of an effect that is the same."""
     of = made({"one": columns()["one"]}, {"one": [0.5]})
     of = replace(of, base=np.column_stack([of.base, of.columns["one"] + 1e-3 * columns(7)["far"]]))
@@ -84,7 +84,7 @@ def test_the_prior_of_the_models_own_parameters_counts_where_they_are_projected_
     assert held[0].deviation[0] < 0.01 * free.deviation[0]
 
 
-def test_effects_that_nothing_tells_apart_have_no_size_beside_a_prior_but_a_gain() -> None:
+def test_inseparable_effects_have_a_gain_and_no_size() -> None:
     """Two columns that are one: the information is singular, the prior of each decides."""
     one = columns()["one"]
     of = made({"pair": np.hstack([one, one])}, {"pair": [0.5, 0.0]})
@@ -93,7 +93,7 @@ def test_effects_that_nothing_tells_apart_have_no_size_beside_a_prior_but_a_gain
     assert table[0].gain == pytest.approx(float((x.T @ y)[0] ** 2 / (x.T @ x)[0, 0]) * N / (y @ y), rel=1e-3)
 
 
-def test_scores_of_noise_scatter_by_one_and_those_of_an_effect_that_comes_and_goes_by_more() -> None:
+def test_scores_of_noise_scatter_by_one_and_of_a_passing_effect_by_more() -> None:
     of = made({f"e{k}": np.random.default_rng(k).standard_normal((N, 1)) for k in range(60)}, {})
     scatter = [score.scatter for score in score_test(of, fitted(of), {key: {} for key in of.columns})]
     # Of 24 parts whose mean is taken off, a chi-square of 23 over its number of parts.

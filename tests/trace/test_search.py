@@ -97,7 +97,7 @@ def test_the_model_without_an_effect_is_the_one_that_never_had_it() -> None:
     assert less.model.theta == pytest.approx(alone.model.theta, abs=1e-6)
 
 
-def test_an_effect_begins_where_the_score_test_has_it_and_the_others_where_they_are() -> None:
+def test_an_effect_starts_at_the_score_test_s_size() -> None:
     of = orthogonal(a=(1, 60.0), b=(2, 90.0))
     base = fitted(of, "a")
     size = np.array([0.21, 0.0])
@@ -158,7 +158,7 @@ def test_scores_are_taken_at_the_quieter_force_where_one_explains_most(
     assert len(tables) == (1 if best is None else 2)
 
 
-def test_quieter_scores_of_a_model_out_of_its_priors_are_beside_what_is_declared() -> None:
+def test_quieter_scores_beside_a_model_out_of_its_priors() -> None:
     of, seen = orthogonal(a=(1, 60.0)), []
 
     class Seen(Linear):
@@ -196,7 +196,7 @@ def test_two_equal_effects_are_one_group_and_one_beside_them_is_not() -> None:
     ("gain", "lost", "fitted_at_all"),
     [(400.0, 0.085, True), (400.0, 0.105, False), (40.0, 0.215, True), (40.0, 0.235, False)],
 )
-def test_a_candidate_is_fitted_where_it_loses_a_tenth_of_the_gain_or_no_more_than_a_tie(
+def test_a_candidate_within_a_tenth_of_the_gain_or_a_tie_is_fitted(
     gain: float, lost: float, fitted_at_all: bool
 ) -> None:
     """A share sin² of the angle between their columns is lost."""

@@ -39,7 +39,7 @@ def test_what_takes_a_hundred_times_the_record_is_not_advised(longer: float, sep
 
 
 @pytest.mark.parametrize(("unsure", "times"), [(1.5, 2.0), (2.7, 10.0), (3.1, 100.0), (6.0, 100.0)])
-def test_what_may_be_there_by_the_coefficients_own_scatter_counts_for_nothing(unsure: float, times: float) -> None:
+def test_what_a_coefficient_s_scatter_explains_counts_for_nothing(unsure: float, times: float) -> None:
     """Of 3, so much; where it may be all, it takes as long as any."""
     shown = Shown(9.0, 3.0, np.array([[1.0, 0.5], [0.5, 2.0]]))
     covariance = unsure / 4.0 * np.array([[1.0, 0.5], [0.5, 1.25]])
@@ -52,9 +52,7 @@ def test_what_may_be_there_by_the_coefficients_own_scatter_counts_for_nothing(un
     [(1.9, "together", "dither"), (2.1, "together", "together"), (1.9, "rate", "dither"), (2.1, "rate", "rate"),
      (3.9, "all", "dither"), (4.1, "all", "all"), (0.5, "dither", "dither")],
 )  # fmt: skip
-def test_several_at_once_or_a_turn_by_hand_are_advised_where_the_simpler_takes_longer(
-    longer: float, by: str, told: str
-) -> None:
+def test_the_shorter_experiment_is_advised(longer: float, by: str, told: str) -> None:
     able = [Advice(BY_NAME["dither"], 0.9, longer, ""), Advice(BY_NAME[by], 0.9, 1.0, "")]
     assert room._simplest(able, 1.0).experiment == BY_NAME[told]
     assert room._simplest([], 1.0) == Advice()
@@ -71,9 +69,7 @@ def test_several_at_once_or_a_turn_by_hand_are_advised_where_the_simpler_takes_l
         ({"rate": 5.0}, True),  # beside the declared springs
     ],
 )
-def test_springs_hold_a_mass_in_every_direction_or_what_is_declared_is_played(
-    constants: dict[str, float], holds: bool
-) -> None:
+def test_springs_hold_in_every_direction_or_the_declared_is_played(constants: dict[str, float], holds: bool) -> None:
     sense, drive = records(1, 60)
     assert room._oscillating(constants, problem(sense[0], drive[0]).device) == (constants if holds else {})
 
@@ -100,7 +96,7 @@ def advice(name: str, *others: str) -> tuple[dict[tuple[str, str], Advice], list
 
 
 @pytest.mark.slow
-def test_two_effects_that_a_modulated_amplitude_separates_get_an_experiment() -> None:
+def test_effects_that_a_modulation_separates_get_an_experiment() -> None:
     """A cubic spring moves the resonance by the square of the amplitude; a sense gain, which is linear, never does."""
     found, told = advice("cubic_stiffness", "sense_cubic")
     one = found["cubic_stiffness", "sense_cubic"]

@@ -27,7 +27,7 @@ SINGLE = replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[
     ("memory", "samples", "first"),
     [(0.05, 10_000, 600), (0.5, 100_000, 6000), (7.0, 100_000, 12_000), (np.inf, 100_000, 12_000), (0.5, 8000, 2000)],
 )
-def test_three_memories_of_a_second_at_most_are_the_start_and_a_quarter_of_the_record_at_most(
+def test_the_start_is_three_memories_and_at_most_a_quarter_of_the_record(
     memory: float, samples: int, first: int
 ) -> None:
     settings = ObserverSettings(memory=memory)
@@ -53,7 +53,7 @@ def test_the_first_cycles_tell_the_motion_whatever_the_channel_bends(bend: float
     np.testing.assert_allclose(first_motion(shown(200, step, bend), OMEGA), MOTION, rtol=1e-9)
 
 
-def test_lost_samples_are_left_out_and_where_too_few_are_left_nothing_is_told() -> None:
+def test_lost_samples_are_left_out_and_too_few_tell_nothing() -> None:
     record = shown(200, np.full(200, 1.0 / RATE))
     record.sense[3:9] = np.nan
     record.sense[12, 0] = np.nan
@@ -69,7 +69,7 @@ def test_lost_samples_are_left_out_and_where_too_few_are_left_nothing_is_told() 
 @pytest.mark.parametrize(
     ("samples_a_cycle", "rows", "unknown"), [(20.0, 30, 7), (8.0, 14, 7), (7.5, 12, 5), (5.0, 8, 3)]
 )
-def test_one_and_a_half_cycles_are_asked_or_twice_as_many_samples_as_there_are_unknowns(
+def test_it_asks_for_cycles_or_for_twice_as_many_samples_as_unknowns(
     samples_a_cycle: float, rows: int, unknown: int
 ) -> None:
     """An offset, the fundamental, and of the harmonics those that the samples tell."""
@@ -112,9 +112,7 @@ def test_the_motion_is_that_of_the_frequency_found() -> None:
 @pytest.mark.parametrize(
     ("device", "initial"), [(SINGLE, {}), (DEVICE, {"vy": 0.01}), (DEVICE, {"kxx": -1.0}), (DEVICE, {"kyy": -1.0})]
 )
-def test_a_single_axis_a_motion_that_is_given_and_what_does_not_vibrate_begin_as_they_are(
-    device: Device, initial: dict[str, float]
-) -> None:
+def test_what_does_not_vibrate_on_two_axes_begins_as_it_is(device: Device, initial: dict[str, float]) -> None:
     observer = Observer(device, replace(SETTINGS, initial=initial))
     as_it_was = observer.state.copy()
     begin_moving(observer, shown(60, np.full(60, 1.0 / RATE)))

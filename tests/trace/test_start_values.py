@@ -36,7 +36,7 @@ def test_a_flat_response_tells_none() -> None:
     assert resonance(at, [1.0 + 0.01 * random.standard_normal(len(at)) + 0j]) is None
 
 
-def test_where_parameters_are_searched_for_is_said_of_those_of_the_catalogue_that_have_some() -> None:
+def test_every_searched_parameter_of_the_catalogue_says_its_range() -> None:
     assert searched_by("dry_friction") is searched_by("dry_friction:2") is Search.SPEEDS
     assert searched_by("cubic_stiffness") is None
     assert searched_by("an_effect_of_my_own") is None

@@ -143,7 +143,7 @@ def test_each_symmetry_is_listed_beside_an_effect_as_without_one(named, others, 
         assert one.separate_by == of(named)[other].separate_by
 
 
-def test_a_drive_with_both_axes_reversed_is_a_polarity_that_leaves_the_rate() -> None:
+def test_a_drive_reversed_on_both_axes_leaves_the_rate() -> None:
     found = of({"drive_gain": {"hx": is_(-2.0), "hy": is_(-2.0)}})
     assert set(found) == {"drive_polarity", "sense_polarity"}
     for one in found.values():
@@ -212,7 +212,7 @@ def seen_of_mass(axis, mass, kxy):
 
 @pytest.mark.moderate
 @pytest.mark.parametrize("axis", [0, 1])
-def test_unequal_masses_are_a_drive_gain_of_one_axis_and_a_stiffness_that_is_not_symmetric(axis: int) -> None:
+def test_unequal_masses_are_a_drive_gain_and_an_asymmetric_stiffness(axis: int) -> None:
     mass, kxy = 1.03, 0.03
     named, symmetric, kn = seen_of_mass(axis, mass, kxy)
     found = of(named, symmetric, is_(kn))
@@ -259,7 +259,7 @@ def test_a_record_that_runs_backwards_has_a_damping_that_drives() -> None:
 
 
 @pytest.mark.parametrize("mutual", [-0.5, 0.5])
-def test_a_damping_that_drives_in_one_direction_and_not_in_another_runs_no_way(mutual: float) -> None:
+def test_a_damping_that_drives_in_one_direction_has_no_reversal(mutual: float) -> None:
     """Its eigenvalues are −0.9 and 0.1: neither this way nor the other is it a passive device."""
     constants = replace(CONSTANTS, damping=(-0.4, -0.4, mutual))
     assert "time_reversal" not in of({"sense_cubic": {"a3x": is_(0.1)}}, constants)
@@ -314,7 +314,7 @@ STATE, PUSH = np.array([0.7, -0.4, 0.3, 0.9]), np.array([0.05, -0.08])
 
 
 @pytest.mark.moderate
-def test_a_clock_declared_in_the_words_of_the_list_is_the_drive_gain_that_was_named() -> None:
+def test_a_clock_declared_by_its_listed_words_is_the_named_drive_gain() -> None:
     clock = of(DRIVE_GAIN)["clock_rate"]
     words = declared(clock)
     assert words == {"clock_rate": {"delta": pytest.approx(math.sqrt(1.03) - 1.0, rel=1e-5)}}
@@ -326,7 +326,7 @@ def test_a_clock_declared_in_the_words_of_the_list_is_the_drive_gain_that_was_na
     assert np.max(np.abs(wrong - made)) > 1e-2
 
 
-def test_masses_declared_in_the_words_of_the_list_are_the_two_gains_that_were_named() -> None:
+def test_masses_declared_by_their_listed_words_are_the_two_named_gains() -> None:
     masses = of(HEAVIER)["unequal_masses"]
     words = declared(masses)
     assert words == {"unequal_masses": {"m": pytest.approx(0.03, rel=1e-5)}}
@@ -336,7 +336,7 @@ def test_masses_declared_in_the_words_of_the_list_are_the_two_gains_that_were_na
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_masses_declared_for_a_drive_gain_of_one_axis_are_the_system_that_is_meant(axis: int) -> None:
+def test_masses_declared_for_a_drive_gain_are_the_same_system(axis: int) -> None:
     mass, kxy = 1.03, 0.03
     named, symmetric, kn = seen_of_mass(axis, mass, kxy)
     one = of(named, symmetric, is_(kn))["unequal_masses"]
@@ -439,7 +439,7 @@ def test_a_coefficient_may_be_what_is_in_its_interval_or_a_tenth_off(
         (between(-1.0, 0.1, 1.0), between(-3.0, -2.0, 0.0), False),
     ],
 )
-def test_of_two_one_is_nothing_where_it_may_be_zero_or_is_small_and_the_other_is_something(
+def test_of_two_effects_one_that_may_be_zero_counts_as_nothing(
     one: Interval, beside: Interval, *, nothing: bool
 ) -> None:
     assert symmetries._nothing(one, beside) is nothing
@@ -466,7 +466,7 @@ def test_a_polarity_changes_a_gain_by_twice_its_size() -> None:
 
 
 @pytest.mark.parametrize("axis", [0, 1])
-def test_a_large_drive_gain_of_one_axis_is_a_sense_gain_with_a_coupling_to_match(axis: int) -> None:
+def test_a_large_drive_gain_equals_a_sense_gain_with_a_coupling(axis: int) -> None:
     """In coordinates scaled by g the couplings kxy + kn and kxy − kn are as one to g²."""
     gain, kxy = 1.5, 0.03
     kn = kxy * (gain**2 - 1.0) / (gain**2 + 1.0) * (1.0 if axis == 0 else -1.0)
@@ -482,8 +482,6 @@ def test_a_large_drive_gain_of_one_axis_is_a_sense_gain_with_a_coupling_to_match
 
 
 @pytest.mark.parametrize(("gain", "axes"), [(-0.5, [(1, 0.5)]), (0.2, [(1, 1.2)]), (-1.0, []), (-1.5, [])])
-def test_a_drive_that_does_nothing_or_pulls_the_other_way_is_no_gain_of_one_axis(
-    gain: float, axes: list[tuple[int, float]]
-) -> None:
+def test_a_dead_or_reversed_drive_is_no_gain_of_one_axis(gain: float, axes: list[tuple[int, float]]) -> None:
     drive = {"hx": Interval(0.0, -0.01, 0.01, "1"), "hy": Interval(gain, gain - 0.01, gain + 0.01, "1")}
     assert list(symmetries._of_one_axis(drive)) == axes

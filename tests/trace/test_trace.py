@@ -41,7 +41,7 @@ def test_a_record_with_nothing_hidden_is_adequate() -> None:
 
 
 @pytest.mark.slow
-def test_a_channel_that_is_late_on_both_axes_is_told_with_the_drive_that_would_be_as_late() -> None:
+def test_a_late_pair_of_channels_is_told_with_the_late_drive() -> None:
     """x(t − τ) answers u(t − τ): only the noise of the force says which of the two is late."""
     sense, drive = records(1, 7000, LATE)
     found = trace(problem(sense[0], drive[0]), split=SPLIT)
@@ -63,7 +63,7 @@ def test_a_channel_that_is_late_on_both_axes_is_told_with_the_drive_that_would_b
 
 
 @pytest.mark.slow
-def test_a_common_delay_of_both_drives_is_a_member_of_the_group_of_one_of_both_channels() -> None:
+def test_a_delay_of_both_drives_is_grouped_with_one_of_both_channels() -> None:
     sense, drive = records(1, 2500, LATE)
 
     class Few(Filtered):
@@ -101,7 +101,7 @@ def test_probabilities_are_likelihoods_that_sum_to_one() -> None:
 
 
 @pytest.mark.parametrize("left", [True, False])
-def test_what_has_no_place_in_the_catalogue_is_as_probable_as_a_force_makes_the_record(left: bool) -> None:
+def test_the_unknown_is_as_probable_as_a_force_makes_the_record(left: bool) -> None:
     """n ln of the ratio of mean squares, less twice the logarithms, less the cost of two numbers; nothing but that cost
     where no check finds more than a complete model leaves.
     """
@@ -128,7 +128,7 @@ def rejected(**gains: tuple[int, float]) -> dict[str, Rejected]:
     return {each.name: each for each in rejections(of, found, groups, {}, scaling)}
 
 
-def test_every_candidate_that_is_not_named_says_what_it_gains_and_how_large_it_is_at_most() -> None:
+def test_every_unnamed_candidate_says_its_gain_and_its_largest_size() -> None:
     """Of unit columns and unit noise: 1.96/√2000 to either side of a size of √(gain/2000)."""
     found = rejected(a=(1, 60.0), b=(1, 15.0), c=(1, 3.0))
     assert set(found) == {"b", "c"}

@@ -51,7 +51,7 @@ def watched(seen: Record, device: Device = GYRO, innovation: Array = WHITE, devi
 
 
 @pytest.mark.moderate
-def test_everything_that_needs_nothing_given_is_watched_where_the_device_and_the_record_can_show_it() -> None:
+def test_every_effect_that_needs_no_setting_is_watched_where_it_can_show() -> None:
     warm = set(watched(record(temperature=np.linspace(20.0, 30.0, N))))
     cold, free = set(watched(record())), set(watched(record(driven=False)))
     single = set(watched(record(axes=1), SINGLE))
@@ -67,7 +67,7 @@ def test_everything_that_needs_nothing_given_is_watched_where_the_device_and_the
 
 
 @pytest.mark.moderate
-def test_corners_are_of_the_band_and_speeds_of_rest_shares_of_the_vibration() -> None:
+def test_corners_lie_in_the_band_and_speeds_are_shares_of_the_motion() -> None:
     found, seen = watched(record()), record()
     slowest = 1.0 / float(seen.step.sum())
     for label, part in ((1, 1 / 3), (2, 2 / 3)):
@@ -98,7 +98,7 @@ def test_thresholds_are_shares_of_what_drive_and_motion_reach() -> None:
 
 @pytest.mark.moderate
 @pytest.mark.parametrize(("scale", "low"), [(1.0, 3.0), (1e-4, 3.0), (1.0, 1.0)])
-def test_lines_are_the_three_strongest_that_come_back_more_often_than_a_lobe_is_wide(scale: float, low: float) -> None:
+def test_lines_are_the_three_strongest_at_least_a_lobe_apart(scale: float, low: float) -> None:
     """3 s of record: a line of 1 Hz is a drift.  Beside a deviation, it does not matter in which unit."""
     t = np.arange(N) / RATE
     lines = ((low, 9.0), (150.0, 0.5), (333.0, 0.8), (777.0, 0.6), (900.0, 0.7), (1010.0, 0.4), (1500.0, 0.3))
@@ -153,7 +153,7 @@ def spoken(monkeypatch: pytest.MonkeyPatch, seen: Any, *peaks: tuple[int, float]
     return {name: given for name, given in found.items() if kind(name) == "parasitic_mode"}
 
 
-def test_a_mode_is_watched_as_it_is_seen_and_at_its_bin_with_a_usual_damping(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mode_is_watched_where_it_is_seen_and_at_its_bin(monkeypatch: pytest.MonkeyPatch) -> None:
     """The three highest peaks, the highest first; a bin is 8/3 Hz wide, the resonance at bin 75 and its peak 8 wide."""
     peaks = (5, 0.7), (68, 0.9), (75, 1.0), (82, 0.95), (100, 0.3), (300, 0.5), (740, 0.4)
     bin_width = 2.0 * np.pi * RATE / 1500
@@ -202,7 +202,7 @@ def test_lost_samples_say_nothing_of_a_mode_and_hide_none() -> None:
 
 
 @pytest.mark.moderate
-def test_a_mode_is_that_of_the_response_though_the_drive_has_a_peak_of_its_own() -> None:
+def test_a_mode_is_the_response_s_and_not_the_drive_s_peak() -> None:
     """A drive that is loudest at 372 Hz, and what it leaves of a mode at 360 Hz."""
     random = np.random.default_rng(7).standard_normal((N, 2))
     t = np.arange(4000) / RATE

@@ -19,7 +19,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # a loop of 24,000 sa
 SAMPLES = 24_000
 
 
-def test_a_hardening_at_one_amplitude_is_not_excluded_by_the_stiffness_that_takes_it_up(tmp_path: Path) -> None:
+def test_a_stiffness_that_absorbs_a_hardening_does_not_exclude_it(tmp_path: Path) -> None:
     """With a constant amplitude A a hardening k3 r² is a stiffness larger by k3 A²."""
     still = {"virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0, "dither_mps2": 0.0}
     bench = bench_of("s-slow", controller=still)

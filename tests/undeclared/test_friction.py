@@ -21,7 +21,7 @@ pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]  # a loop of 24,000 sa
 SAMPLES = 24_000
 
 
-def test_its_size_and_the_velocity_at_which_it_turns_over_lie_in_their_intervals(tmp_path: Path) -> None:
+def test_its_size_and_turnover_velocity_lie_in_their_intervals(tmp_path: Path) -> None:
     bench = bench_of("s-slow", controller={"amplitude_modulation": 0.3})
     device = device_of(bench)
     fastest = device.amplitude * float(np.sqrt(device.target))

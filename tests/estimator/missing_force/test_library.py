@@ -86,7 +86,7 @@ def test_vectors_of_the_plane_turn_with_it() -> None:
         assert other == pytest.approx(one @ np.array([[c, s], [-s, c]]), rel=1e-6, abs=1e-9), term.form
 
 
-def test_a_stiffness_may_change_at_the_distance_of_a_line_from_the_resonance() -> None:
+def test_a_stiffness_may_change_at_a_line_s_distance_from_resonance() -> None:
     (wave,) = (term for term in terms(2) if term.form.startswith("q cos"))
     assert wave.effect.parameters[0].tried[0] * Scaling.of(PROBLEM[2].device).omega0 == pytest.approx(
         2.0 * np.pi * 12.0, rel=0.01
