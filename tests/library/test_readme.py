@@ -57,7 +57,7 @@ FOUND = readme.Found(FIGURES, DIAGNOSIS, FIGURES | {"angle_error_rms_rad": 0.000
 def test_the_table_is_made_of_the_figures() -> None:
     assert readme.table(FOUND).splitlines()[2:] == [
         "| residual over noise floor, on the part held out | 2.50 | 1.01 |",
-        "| angle error, rms, in 1.7 turns | 522 mrad | 0.92 mrad |",
+        "| angle error, rms, in 1.7 rotations | 522 mrad | 0.92 mrad |",
         "| rate error, rms | 0.279 rad/s | 0.279 rad/s |",
         "| found: cubic stiffness k3x, k3y / 10¹² 1/(m²·s²), truth 10 and 3 |  | 10.00040 ± 0.00080, "
         "2.99990 ± 0.00020 |",

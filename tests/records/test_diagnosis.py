@@ -391,7 +391,7 @@ def test_how_probable_each_account_is_stands_in_the_file_and_on_the_page(tmp_pat
     assert kept["undetermined"] == [sentence]
     assert load_diagnosis(tmp_path / "diagnosis.json") == said
     page = written(tmp_path, found)
-    assert "How probable for cubic stiffness: cubic stiffness 90\u00a0%, sense cubic 10\u00a0%" in page
+    assert "Probabilities for cubic stiffness: cubic stiffness 90\u00a0%, sense cubic 10\u00a0%" in page
     assert "drag 0%" not in page
     assert "oes not determine kxx and drive_gain_x" in page
 
