@@ -14,6 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
 from dataclasses import asdict, dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hil.bench import Bench
@@ -74,9 +75,9 @@ def supervise(
     it says when it could not begin, and what `progress` raises, after the process has ended.
     """
     assert worker.stdin is not None
-    followed = _Followed(worker, progress, lambda unique_id: _confirm(order.link, bench, board, unique_id), noticed)
     in_time = nullcontext() if bench.loop.clock == "lockstep" else line_workers.ahead(order.link)
-    with in_time, ctrl_c(followed.interrupt):
+    confirm = partial(_confirm, order.link, bench, board)
+    with closing(_Followed(worker, progress, confirm, noticed)) as followed, in_time, ctrl_c(followed.interrupt):
         with suppress(BrokenPipeError):  # it died before it read its order
             worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
             worker.stdin.flush()
@@ -137,6 +138,7 @@ class _Followed:
         self._progress = progress
         self._confirm = confirm
         self._noticed = noticed
+        self._death = os.pidfd_open(worker.pid)  # before anything can have reaped it
         self._rest = b""
         self._armed: int | None = None  # unique id of the board
         self._until_s: float | None = None  # once it has died
@@ -146,6 +148,10 @@ class _Followed:
         self.died = ""  # a plug-in, and the process with it
         self.error: tuple[list[str], str] | None = None
         self.safety: dict[str, Any] | None = None
+
+    def close(self) -> None:
+        """Give back what its death is read from."""
+        os.close(self._death)
 
     def watched_by(self, progress: Watcher) -> None:
         """Tell another one from now on."""
@@ -158,12 +164,8 @@ class _Followed:
 
     def to_the_end(self) -> None:
         """Read until it has ended and its recorder, which holds the pipe open as well, has closed the files."""
-        death = os.pidfd_open(self._worker.pid)
-        try:
-            while self._listen(death):
-                pass
-        finally:
-            os.close(death)
+        while self._listen(self._death):
+            pass
 
     def _listen(self, death: int) -> bool:
         watched = [self._output, *([death] if self._until_s is None else [])]

@@ -3,6 +3,7 @@ descriptor is used, because `Serial.read` costs several times as much as select 
 
 import errno
 import os
+import termios
 import time
 from contextlib import suppress
 
@@ -45,8 +46,8 @@ def open_serial(path: str, baud: int = DEFAULT_BAUD) -> SerialLink:
             # An inter-byte timeout of 0 sets VMIN = 1: reading nothing then means hang-up, and only that.
             port = serial.Serial(path, baud, timeout=0, inter_byte_timeout=0, exclusive=True)
             break
-        except (OSError, ValueError, OverflowError) as error:
-            if getattr(error, "errno", None) not in _IN_USE or time.monotonic() > patience:
+        except (OSError, ValueError, OverflowError, termios.error) as error:
+            if _number(error) not in _IN_USE or time.monotonic() > patience:
                 raise LinkError(f"serial:{path}: {_remedy(path, error)}") from None
         time.sleep(_RETRY_S)
     with suppress(OSError, ValueError):  # a pty, and many a driver, has no such setting
@@ -54,13 +55,21 @@ def open_serial(path: str, baud: int = DEFAULT_BAUD) -> SerialLink:
     return SerialLink(port, path)
 
 
+def _number(error: Exception) -> int | None:
+    """errno of an error, which that of termios has in its arguments."""
+    found = error.args[0] if isinstance(error, termios.error) and error.args else getattr(error, "errno", None)
+    return found if isinstance(found, int) else None
+
+
 def _remedy(path: str, error: Exception) -> str:
-    number = getattr(error, "errno", None)
+    number = _number(error)
     if number in _IN_USE:
         return "the port is in use by another program; close it there, or name another port"
     if number in (errno.ENOENT, errno.ENXIO, errno.ENODEV):
         found = ", ".join(sorted(port.device for port in list_ports.comports())) or "none"
         return f"no such port; connect the board or name another port (found: {found})"
+    if number == errno.EIO:
+        return "its other end is gone; connect the board again"
     if number == errno.EACCES:
         return "no permission; add yourself to the group that owns the port (often dialout) and log in again"
     if not _is_terminal(path):

@@ -42,7 +42,7 @@ def together(blocks: list, record: str, name: str) -> np.ndarray:
 def test_blocks_are_the_record_in_order_none_twice_and_none_left_out(tmp_path: Path) -> None:
     live = hil.open("s-slow", link="inproc:s-slow", clock="lockstep", duration_s=10.0, out=tmp_path)
     blocks = list(live.stream())
-    assert len(blocks) >= 4
+    assert len(blocks) > 1  # how many, says how fast this process reads
     run = live.run
     for record in ("capture", "estimates", "innovation"):
         whole = getattr(run, record)

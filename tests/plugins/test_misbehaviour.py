@@ -4,6 +4,7 @@ import json
 import os
 import subprocess
 import sys
+from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -220,6 +221,7 @@ def test_a_process_that_ends_with_its_recorder_leaves_no_board_driven() -> None:
         told.append(board)
         return Safety(armed=True, confirmed=True).told
 
-    _Followed(worker, lambda _: None, confirm, lambda _: None).to_the_end()
+    with closing(_Followed(worker, lambda _: None, confirm, lambda _: None)) as followed:
+        followed.to_the_end()
     worker.communicate()
     assert told == [7]

@@ -394,3 +394,12 @@ class link_of_a_package:  # noqa: N801 - a module, in its place
     @staticmethod
     def open(rest: str) -> Opened:
         raise AssertionError(rest)
+
+
+def test_a_port_whose_device_goes_while_it_is_opened_is_a_link_error(monkeypatch):
+    def gone(*_, **__):
+        raise termios.error(errno.EIO, "Input/output error")
+
+    monkeypatch.setattr("hil.wire.serial_link.serial.Serial", gone)
+    with pytest.raises(LinkError, match=r"^serial:/dev/ttyACM0: its other end is gone; connect the board again$"):
+        open_serial("/dev/ttyACM0")
