@@ -18,6 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.coverage import SD_95
+
 Nanoseconds = npt.NDArray[np.int64]
 Floats = npt.NDArray[np.float64]
 
@@ -29,7 +31,7 @@ _MAX_CHANGE = 1e-4
 """By which an oscillator may change its rate between neighbouring parts of a record; what is more was no oscillator."""
 _ALIKE = 0.1
 """Share of the shortest round trip that is taken for the standard deviation of an exchange as short as that."""
-_LEVEL, _NORMAL = 0.975, 1.959964
+_LEVEL = 0.975
 
 
 class ClockUnknownError(ValueError):
@@ -97,7 +99,7 @@ def fit_clock(sent_ns: Nanoseconds, board_ns: Nanoseconds, received_ns: Nanoseco
     skew = float(np.sum(share * y))
     left = y - height - skew * (x - centre)
     scatter = math.sqrt(float(np.sum(weight * left**2)) / (best.size - 2))  # over what the weights take for granted
-    width = max(_NORMAL, _student(best.size - 2) * scatter)
+    width = max(SD_95, _student(best.size - 2) * scatter)
     return ClockFit(
         at_host_ns=int(start_ns) + round(centre),
         offset_ns=int(apart_ns) + round(height),

@@ -9,6 +9,7 @@ import numpy.typing as npt
 from hil.records.answers import count_answers
 from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
 from hil.records.clock import ClockRecord
+from hil.records.coverage import SD_95
 from hil.records.estimates import Estimates
 from hil.records.innovation import Innovation, steady, usual_sd_V
 from hil.records.on_board import on_board
@@ -19,9 +20,6 @@ from hil.records.runfolder import RunFolder
 from hil.records.timing import Timing
 from hil.records.truth import Truth
 from hil.records.units import symbol_of
-
-SD_95 = 1.959964
-"""Half width of a 95 % interval in standard deviations of a normal variable."""
 
 _ONE_CLOCK = "in lockstep the board's time stops until the host answers"
 _NOT_ASKED = "nobody asked the board for its time"

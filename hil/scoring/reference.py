@@ -14,9 +14,9 @@ import numpy.typing as npt
 
 from estimator.characteristics.regression import Fitted, fitted
 from hil.bench import Bench
+from hil.records.coverage import SD_95
 from hil.records.result import Parameter, Reference, Sensor
 from hil.records.runfolder import RunFolder
-from hil.records.summary import SD_95
 
 Floats = npt.NDArray[np.float64]
 

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.coverage import SD_95
 from hil.sweeping.campaign import Vary
 from hil.sweeping.plan import Plan
 
@@ -27,7 +28,6 @@ _DEGREE = 3
 _LEVELS = 6
 """Of listed values: up to so many each is on its own, more are taken as steps of a scale."""
 _ROWS_PER_TERM = 3
-_HALF = 1.959964
 
 
 class Share(NamedTuple):
@@ -175,7 +175,7 @@ def _share(coefficient: Floats, deviation: Floats, variance: float) -> tuple[flo
     """Σ(c² − s²) over the variance, and half of its 95 % interval: Var(c²) = 4 c² s² + 2 s⁴."""
     share = float(np.sum(coefficient**2 - deviation**2)) / variance
     spread = float(np.sqrt(np.sum(4.0 * coefficient**2 * deviation**2 + 2.0 * deviation**4))) / variance
-    return max(share, 0.0), _HALF * spread
+    return max(share, 0.0), SD_95 * spread
 
 
 def _ends(y: Floats, share: Floats, logarithmic: bool) -> tuple[float | None, float | None]:

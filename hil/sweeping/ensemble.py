@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.coverage import SD_95
 from hil.scoring.nees import band
 from hil.sweeping.figures import STATES
 
@@ -15,7 +16,6 @@ if TYPE_CHECKING:
 Floats = npt.NDArray[np.float64]
 
 _DRAWS = 2000
-_HALF = 1.959964
 _OVER_BOUND = {
     "rate, at the end": ("error_rate_rad_s", "bound_rate_end_rad_s"),
     "rate, scored window": ("rate_error_rms_rad_s", "bound_rate_rms_rad_s"),
@@ -69,8 +69,8 @@ def knows(table: "pyarrow.Table") -> Knows | None:
         error, sd = column(table, f"error_{name}")[known], column(table, f"sd_{name}")[known]
         there = np.isfinite(error) & (sd > 0.0)
         if there.any():
-            held[name] = float(np.mean(np.abs(error[there]) <= _HALF * sd[there]))
-    spread = _HALF * float(np.sqrt(0.95 * 0.05 / runs))
+            held[name] = float(np.mean(np.abs(error[there]) <= SD_95 * sd[there]))
+    spread = SD_95 * float(np.sqrt(0.95 * 0.05 / runs))
     return Knows(
         runs=runs,
         entries=int(entries[known].max()),

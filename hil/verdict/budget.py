@@ -18,7 +18,7 @@ from hil.bench.calibration import SYMBOLS
 from hil.bench.classic import PLUGIN as CLASSIC
 from hil.inputs.formula import formula_of
 from hil.numbers import quantity, significant
-from hil.records.coverage import COVERAGE
+from hil.records.coverage import COVERAGE, SD_95
 from hil.records.estimates import Estimates
 from hil.records.result import Angle, Contribution, Lacking, Scan
 from hil.verdict.uncertainty import DAMPING, ESTIMATION, Sources, source_of
@@ -30,8 +30,6 @@ UNDECLARED = "undeclared effects"
 LACKING = "what the model lacks"
 _EFFECTS = {"sense_gain": "sense_gain_ratio"} | {name: name for name in SYMBOLS if name != "clock"}
 """Effects of the catalogue that are constants of the calibration, where their names differ too."""
-_TWO_SIDED = 1.959964
-"""Half width of a 95 % interval in standard deviations."""
 
 
 class Budget(NamedTuple):
@@ -122,7 +120,7 @@ def _measured(found: list[Lacking]) -> dict[str, float]:
 
 def _rms(item: Lacking) -> float:
     """How far the angle is off for what was found, rms."""
-    return math.hypot(item.angle_rad, (item.angle_ci95[1] - item.angle_rad) / _TWO_SIDED)
+    return math.hypot(item.angle_rad, (item.angle_ci95[1] - item.angle_rad) / SD_95)
 
 
 def _angle(scored: Estimates, bench: Bench) -> Angle | None:

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from hil.numbers import percent, sensed, unit_for
-from hil.records.summary import SD_95
+from hil.records.coverage import SD_95
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import pixel_series

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from hil.numbers import in_thousands, plus_minus, prefix_for
+from hil.records.coverage import SD_95
 from hil.records.estimates import Estimates
-from hil.records.summary import SD_95
 from hil.records.units import symbol_of
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material

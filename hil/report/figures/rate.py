@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hil.numbers import percent, prefix_for, quantity
+from hil.records.coverage import SD_95
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
-from hil.records.summary import SD_95
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material, Reference
 from hil.report.pixel_series import PixelSeries, spread
