@@ -103,12 +103,13 @@ def _added(folder: Path, diagnosis: "Diagnosis", target: Path, *, replace: bool)
     from hil.cli.show import say
     from hil.errors import InputError
     from hil.records.kind import fresh
+    from hil.toml.reading import read_table
     from hil.tracing.addition import add_found
     from hil.verdict.next_step import declarable
 
     fresh(target, replace=replace)
     source = folder / "bench.toml"
-    if not declarable(diagnosis, source):
+    if not declarable(diagnosis, read_table(source).get("device", {})):
         raise InputError(
             f"--add: {folder} is of several records, of a rate sensor or of an envelope, for which no bench file is "
             "written; copy what was found into [effects]"

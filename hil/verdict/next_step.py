@@ -68,7 +68,7 @@ def after_trace(
         if place.is_dir():
             return _run_as(RunFolder(place), added)
         return f"hil replay {_quoted(place)} --bench {_quoted(added)}"
-    if not declarable(diagnosis, bench):
+    if not declarable(diagnosis, device):
         return _traced(Path(_ANOTHER), bench)
     again = _traced(place, bench)
     if diagnosis.verdict == "adequate":
@@ -88,11 +88,11 @@ def after_trace(
     return _traced(Path(_ANOTHER), bench)
 
 
-def declarable(diagnosis: Diagnosis, bench: Path) -> bool:
-    """Whether a bench file can declare what a trace found by `bench`: not of several records, a rate sensor or an
-    envelope.
+def declarable(diagnosis: Diagnosis, device: Any) -> bool:
+    """Whether a bench file can declare what a trace found, by its table `device`: not of several records, a rate sensor
+    or an envelope.
     """
-    return not (_SEVERAL.match(diagnosis.record) or _has_no_loop(read_table(bench).get("device", {})))
+    return not (_SEVERAL.match(diagnosis.record) or _has_no_loop(device))
 
 
 def after_comparison(folder: Path, methods: Methods, *, record: Path | None = None) -> str:
