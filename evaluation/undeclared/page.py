@@ -40,7 +40,7 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
         ("an effect outside the catalogue: not explained", out["not_explained"], out["n"], "98 %"),
         ("… unexplained", out["unexplained"], out["n"], ""),
         ("two effects: both named", two["both_named"], two["n"], "92 %"),
-        ("calm records: class named, or adequate with a bound that holds", calm["right"], calm["n"], "95 %"),
+        ("single-tone records: class named, or adequate with a bound that holds", calm["right"], calm["n"], "95 %"),
         ("… a wrong name, without reserve", calm["misnamed"], calm["n"], "≤ 2 %"),
         ("what no record shows: adequate", summary["never"]["adequate"], summary["never"]["n"], ""),
         ("explained, and the innovation held out rose or is above 1.1 × its floor", broken, explained, "none"),
@@ -62,7 +62,7 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
             for what, key in (
                 ("stated probabilities: expected calibration error", "calibration"),
                 ("… of records that are excited", "calibration_excited"),
-                ("… of calm records", "calibration_calm"),
+                ("… of single-tone records", "calibration_calm"),
             )
         ),
         "",
