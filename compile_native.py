@@ -1,7 +1,7 @@
 """Compile the C sources of the packages into shared libraries beside them: `python compile_native.py`.
 
 The wheel's build hook and `make install` run it.  Any C99 compiler serves (`estimator/core/compiler.py`); the core's
-model is printed as C first, by SymPy.
+model and the emulator's list of effects are printed as C first.
 """
 
 import importlib.util
@@ -12,6 +12,7 @@ from types import ModuleType
 
 ROOT = Path(__file__).parent
 CORE = ROOT / "estimator" / "core"
+EMULATOR = ROOT / "device_emulator" / "native"
 LIBRARIES = {
     "device_emulator/native/libdevice.so.1": (
         "device_emulator/native/device.c",
@@ -23,6 +24,8 @@ LIBRARIES = {
     "hil/running/native/libturn.so.1": ("hil/running/native/turn.c", "firmware/src/hil_spec.c"),
 }
 """What is built beside the core, from which sources; paths from the root of the project."""
+HEADERS = {"estimator.core.generate": CORE / "model.h", "device_emulator.effects.kinds": EMULATOR / "kinds.h"}
+"""What is printed as C before, by which module."""
 
 
 def _loaded(script: Path) -> ModuleType:
@@ -41,9 +44,10 @@ def compiler() -> list[str]:
     return found
 
 
-def print_model() -> None:
-    """Write the core's model.h, by SymPy."""
-    subprocess.run([sys.executable, "-m", "estimator.core.generate", CORE / "model.h"], cwd=ROOT, check=True)
+def print_headers() -> None:
+    """Write `HEADERS`; that of the core's model needs SymPy."""
+    for module, header in HEADERS.items():
+        subprocess.run([sys.executable, "-m", module, header], cwd=ROOT, check=True)
 
 
 def main() -> None:
@@ -52,7 +56,7 @@ def main() -> None:
     if not compiling.command():
         sys.exit(f"compile_native: no C compiler: {compiling.CURES}")
     try:
-        print_model()
+        print_headers()
         for library, sources in LIBRARIES.items():
             compiling.compile_library([ROOT / source for source in sources], ROOT / library, compiling.WARNINGS)
         for name, options in variant.built().items():

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from device_emulator import native, rate
 from device_emulator.drive import DRIVE, DRIVE_STATE, drive_constants
-from device_emulator.effects.catalogue import table
-from device_emulator.effects.declaration import EFFECT
+from device_emulator.effects.catalogue import EFFECT, table
+from device_emulator.effects.kinds import NAMES
 from device_emulator.feedback import FEEDBACK
 from device_emulator.flicker import MAX_FLICKER_POLES
 from device_emulator.plant import PLANT, STATES, plant_constants
@@ -50,13 +50,14 @@ _STATE = np.dtype(
 )
 
 
-native.require_sizes(
+native.require_same(
+    NAMES,
     (
         *(record.itemsize for record in (_CONSTANTS, _STATE, EFFECT, rate.PIECE, FEEDBACK)),
         ctypes.sizeof(native.DeviceArguments),
         native.COMMAND.itemsize,
         ctypes.sizeof(native.BoardState),
-    )
+    ),
 )
 
 

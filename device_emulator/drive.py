@@ -7,7 +7,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device_emulator.effects.catalogue import delay_s, slew_mps3
-from device_emulator.effects.drive import DriveKind
 from device_emulator.flicker import FLICKER, MAX_FLICKER_POLES, flicker_constants
 from device_emulator.scenario import MAX_DELAY_SAMPLES, Scenario
 
@@ -57,7 +56,7 @@ def drive_constants(scenario: Scenario) -> NDArray[Any]:
     c["ts_s"] = 1.0 / scenario.true_rate_Hz
     c["slew_mps3"] = slew_mps3(scenario.effect)
     constants["flicker"] = flicker_constants(scenario.drive.flicker_mps2_at_1Hz, scenario.true_rate_Hz)
-    for axis, delay in enumerate(delay_s(scenario.effect, DriveKind.DRIVE_DELAY)):
+    for axis, delay in enumerate(delay_s(scenario.effect, "drive_delay")):
         whole = math.floor(delay * scenario.true_rate_Hz)
         c["delay_samples"][axis] = whole
         c["delay_rest_s"][axis] = delay - whole / scenario.true_rate_Hz

@@ -12,8 +12,6 @@ from pydantic import Discriminator, Field, PlainValidator, Tag, ValidationError,
 
 from device_emulator.effects import catalogue as effects
 from device_emulator.effects.declaration import MAX_INNER
-from device_emulator.effects.drive import DriveKind
-from device_emulator.effects.sense import SenseKind
 from device_emulator.faults import Faults
 from device_emulator.modes import KEYS, in_matrices
 from device_emulator.rate import Rate
@@ -267,10 +265,10 @@ class Scenario(Section):
 
     @model_validator(mode="after")
     def _within_the_model(self) -> "Scenario":
-        for kind in (SenseKind.SENSE_DELAY, DriveKind.DRIVE_DELAY):
-            delay = effects.delay_s(self.effect, kind)
+        for name in ("sense_delay", "drive_delay"):
+            delay = effects.delay_s(self.effect, name)
             if min(delay) < 0.0 or max(delay) * self.board.sample_rate_Hz > MAX_DELAY_SAMPLES:
-                raise ValueError(f"effect {kind.name.lower()}: expected 0 to {MAX_DELAY_SAMPLES} samples")
+                raise ValueError(f"effect {name}: expected 0 to {MAX_DELAY_SAMPLES} samples")
         if (finding := _beyond(self)) is not None:
             raise ValueError(finding)
         if isinstance(self.sense, GapClosing) and math.hypot(*self.truth.position_m) >= min(self.sense.gap_m):

@@ -31,7 +31,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from device_emulator.effects.catalogue import delay_s
-from device_emulator.effects.sense import SenseKind
 from device_emulator.faults import MAX_SENSE_FAULTS, Saturated
 from device_emulator.flicker import MAX_FLICKER_POLES, flicker_constants
 from device_emulator.scenario import GapClosing, Optical, Piezo, Piezoresistive, Scenario, Sense, Tunnelling
@@ -144,7 +143,7 @@ def sense_constants(scenario: Scenario, substep_s: float) -> NDArray[Any]:
         low_pass_Hz = s.low_pass_Hz[axis] if isinstance(s, Sense) else math.inf
         c["low_pass"][axis] = _first_order(2.0 * math.pi * low_pass_Hz, substep_s)
         c["tracked"] |= c["leak_per_s"][axis] > 0.0 or math.isfinite(low_pass_Hz)
-    c["delay_substeps"] = np.array(delay_s(scenario.effect, SenseKind.SENSE_DELAY)) / substep_s
+    c["delay_substeps"] = np.array(delay_s(scenario.effect, "sense_delay")) / substep_s
     _enter_faults(c, scenario)
     c["tracked"] |= bool((c["delay_substeps"] > 0.0).any())
     return constants

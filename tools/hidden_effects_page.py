@@ -1,15 +1,15 @@
 """The table of the reference page of hidden effects."""
 
-from device_emulator.effects.catalogue import DECLARATIONS
 from device_emulator.effects.declaration import HiddenCoefficient
+from device_emulator.effects.kinds import DECLARATIONS
 from tools.markdown import table
 
 
 def effects() -> str:
     """What each adds, with its coefficients."""
     rows = (
-        (f"`{kind.name.lower()}`", declaration.equation, ", ".join(map(_coefficient, declaration.coefficients)))
-        for kind, declaration in DECLARATIONS.items()
+        (f"`{name}`", declaration.equation, ", ".join(map(_coefficient, declaration.coefficients)))
+        for name, declaration in DECLARATIONS.items()
     )
     return table(("effect", "adds", "coefficients"), rows)
 

@@ -2,42 +2,34 @@
 
 import math
 from collections.abc import Iterable
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from device_emulator.effects import drive, force, sense
-from device_emulator.effects.declaration import EFFECT, Declaration
-from device_emulator.effects.drive import DriveKind
-from device_emulator.effects.force import ForceKind
-from device_emulator.effects.sense import SenseKind
+from device_emulator.effects.declaration import MAX_COEFFICIENTS
+from device_emulator.effects.kinds import DECLARATIONS, NUMBERS
 from device_emulator.section import did_you_mean
 
-DECLARATIONS: dict[IntEnum, Declaration] = {**force.DECLARATIONS, **drive.DECLARATIONS, **sense.DECLARATIONS}
+EFFECT = np.dtype([("kind", "i8"), ("at", "i8"), ("c", "f8", (MAX_COEFFICIENTS,))], align=True)
+"""`at` is the first of an effect's own states in the vector [x, ẋ, y, ẏ, …]."""
 
 
 class HiddenEffect(NamedTuple):
     """One `[[effect]]` of a scenario with all its coefficients."""
 
-    kind: IntEnum
+    name: str
     coefficients: dict[str, float]
-
-    @property
-    def name(self) -> str:
-        return self.kind.name.lower()
 
 
 def parse(entry: Any) -> HiddenEffect:
     """The effect of one `[[effect]]` table. Raises ValueError: one line that says what was expected."""
     if not isinstance(entry, dict) or not isinstance(entry.get("name"), str):
         raise ValueError("expected a table with a name and coefficients")
-    kinds = {kind.name.lower(): kind for kind in DECLARATIONS}
     name = entry["name"]
-    if name not in kinds:
-        raise ValueError(f"unknown effect {name!r}; {did_you_mean(name, kinds)}")
-    declared = {c.symbol: c for c in DECLARATIONS[kinds[name]].coefficients}
+    if name not in DECLARATIONS:
+        raise ValueError(f"unknown effect {name!r}; {did_you_mean(name, DECLARATIONS)}")
+    declared = {c.symbol: c for c in DECLARATIONS[name].coefficients}
     given = {symbol: value for symbol, value in entry.items() if symbol != "name"}
     for symbol, value in given.items():
         if symbol not in declared:
@@ -53,7 +45,7 @@ def parse(entry: Any) -> HiddenEffect:
     missing = [symbol for symbol, c in declared.items() if c.default is None and symbol not in given]
     if missing or not given:
         raise ValueError(f"{name} needs {', '.join(missing or declared)}")
-    return HiddenEffect(kinds[name], {s: float(given.get(s, c.default or 0)) for s, c in declared.items()})
+    return HiddenEffect(name, {s: float(given.get(s, c.default or 0)) for s, c in declared.items()})
 
 
 def table(effects: Iterable[HiddenEffect]) -> NDArray[Any]:
@@ -62,38 +54,38 @@ def table(effects: Iterable[HiddenEffect]) -> NDArray[Any]:
     rows = np.zeros(len(effects), EFFECT)
     at = 4
     for row, effect in zip(rows, effects, strict=True):
-        row["kind"] = effect.kind
+        row["kind"] = NUMBERS[effect.name]
         row["at"] = at
         row["c"][: len(effect.coefficients)] = list(effect.coefficients.values())
-        at += DECLARATIONS[effect.kind].states
+        at += DECLARATIONS[effect.name].states
     return rows
 
 
 def inner_states(effects: Iterable[HiddenEffect]) -> int:
     """How many states the effects have of their own."""
-    return sum(DECLARATIONS[effect.kind].states for effect in effects)
+    return sum(DECLARATIONS[effect.name].states for effect in effects)
 
 
-def delay_s(effects: Iterable[HiddenEffect], kind: IntEnum) -> tuple[float, float]:
+def delay_s(effects: Iterable[HiddenEffect], name: str) -> tuple[float, float]:
     """Total delay in s of the x and the y channel. Delays act on times, not on values: no kernel here."""
-    delays = [tuple(effect.coefficients.values()) for effect in effects if effect.kind == kind]
+    delays = [tuple(effect.coefficients.values()) for effect in effects if effect.name == name]
     return sum(x for x, _ in delays), sum(y for _, y in delays)
 
 
 def slew_mps3(effects: Iterable[HiddenEffect]) -> tuple[float, float]:
     """Steepest change of the drive per axis, infinite without a limit."""
-    slews = [effect.coefficients for effect in effects if effect.kind == DriveKind.DRIVE_SLEW]
+    slews = [effect.coefficients for effect in effects if effect.name == "drive_slew"]
     x, y = (min([math.inf, *(c[f"slew_{axis}"] for c in slews)]) for axis in "xy")
     return x, y
 
 
 def resonance_Hz(effects: Iterable[HiddenEffect]) -> float:
     """The highest resonance among the effects' own, 0 without any."""
-    own = [effect.coefficients["frequency"] for effect in effects if effect.kind == SenseKind.PARASITIC_MODE]
-    own += [effect.coefficients["wm"] / (2.0 * math.pi) for effect in effects if effect.kind == SenseKind.FREE_MODE]
+    own = [effect.coefficients["frequency"] for effect in effects if effect.name == "parasitic_mode"]
+    own += [effect.coefficients["wm"] / (2.0 * math.pi) for effect in effects if effect.name == "free_mode"]
     own += [
         math.sqrt(effect.coefficients["s"]) / (2.0 * math.pi)
         for effect in effects
-        if effect.kind == ForceKind.STICK_SLIP_SUPPORT
+        if effect.name == "stick_slip_support"
     ]
     return max(own, default=0.0)

@@ -7,14 +7,9 @@ test holds them to it. Equations are the emulator's own.
 import math
 from typing import NamedTuple
 
-import numpy as np
-
 MAX_COEFFICIENTS = 6
 MAX_INNER = 12
 """States that all effects of a device may have together, beside the four of the mass."""
-
-EFFECT = np.dtype([("kind", "i8"), ("at", "i8"), ("c", "f8", (MAX_COEFFICIENTS,))], align=True)
-"""`at` is the first of an effect's own states in the vector [x, ẋ, y, ẏ, …]."""
 
 
 class HiddenCoefficient(NamedTuple):

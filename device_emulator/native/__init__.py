@@ -1,7 +1,8 @@
 """The emulator's inner loop in C: `device.c` beside this file, built when the package is installed.
 
-It takes NumPy records by address.  The loader compares their sizes with those of the C structures, so that one without
-the other cannot run.  No fast-math and no contraction: one seed gives the same bytes on every instruction set.
+It takes NumPy records by address.  The loader compares their sizes with those of the C structures, and the names of the
+effects, so that one without the other cannot run.  No fast-math and no contraction: one seed gives the same bytes on
+every instruction set.
 """
 
 import ctypes
@@ -93,6 +94,7 @@ def _load() -> ctypes.CDLL:
         function.restype = count
     library.board_forget.argtypes = library.board_limit.argtypes = (pointer,)
     library.board_forget.restype = library.board_limit.restype = None
+    library.device_effects.restype = ctypes.c_char_p
     return library
 
 
@@ -113,8 +115,10 @@ def rate_at(piece: np.void | NDArray[Any], t_s: float) -> tuple[float, float, fl
     return values[0], values[1], values[2]
 
 
-def require_sizes(expected: tuple[int, ...]) -> None:
-    """ImportError unless the C structures are as large as `expected`, in the order of `device_sizes`."""
+def require_same(effects: str, expected: tuple[int, ...]) -> None:
+    """ImportError unless C has the same effects in the same order, and structures as large, as `device_sizes` tells."""
+    if _LIBRARY.device_effects().decode() != effects:
+        raise ImportError(f"{_PATH.name} has other hidden effects than device_emulator/effects: make install")
     sizes = (ctypes.c_int64 * len(expected))()
     _LIBRARY.device_sizes(sizes)
     if tuple(sizes) != expected:

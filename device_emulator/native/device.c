@@ -67,6 +67,12 @@ EXPORT void board_limit(board_t *board)
     limit_drives(board);
 }
 
+/* Names of the effects in the order of their numbers, as this library was compiled. */
+EXPORT const char *device_effects(void)
+{
+    return EFFECT_NAMES;
+}
+
 /* Bytes of constants, state, effect, piece, feedback, device, command and board, as this file has them. */
 EXPORT void device_sizes(int64_t sizes[8])
 {

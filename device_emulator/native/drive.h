@@ -6,17 +6,6 @@
 
 #include "structs.h"
 
-enum drive_kind {
-    DRIVE_GAIN = 20,
-    DRIVE_MISALIGNMENT = 21,
-    DRIVE_DELAY = 22,
-    DRIVE_SATURATION = 23,
-    DRIVE_DEAD_BAND = 24,
-    DRIVE_SLEW = 25,
-    ELECTROSTATIC_DRIVE = 26,
-    DRIVE_POLARITY = 27
-};
-
 typedef struct {
     double force, slope, until_s;
 } acting_t;

@@ -1,42 +1,10 @@
 /* What hidden effects do to the mass and its suspension, and how their own states move.
-   Their equations stand in device_emulator/effects/force.py, their numbers are those of its ForceKind. */
+   Their equations stand in device_emulator/effects/force.py. */
 #ifndef EMULATOR_FORCE_H
 #define EMULATOR_FORCE_H
 
 #include "rate.h"
 #include "sense.h"
-
-enum force_kind {
-    CUBIC_STIFFNESS = 1,
-    CUBIC_ISOTROPIC = 2,
-    QUADRATIC_STIFFNESS = 3,
-    NONLINEAR_DAMPING = 4,
-    DRY_FRICTION = 5,
-    CONSTANT_FORCE = 6,
-    BASE_VIBRATION = 7,
-    DRY_FRICTION_ASYMMETRIC = 8,
-    NONRECIPROCAL_STIFFNESS = 9,
-    ANGULAR_GAIN = 10,
-    TEMPERATURE_STIFFNESS = 11,
-    TEMPERATURE_DAMPING = 12,
-    BACKLASH = 13,
-    HYSTERETIC_STIFFNESS = 14,
-    STICK_SLIP_SUPPORT = 15,
-    PARAMETRIC_STIFFNESS = 16,
-    NONLINEAR_COUPLING = 17,
-    UNEQUAL_MASSES = 18,
-    STRIBECK_FRICTION = 81,
-    NONLINEAR_DAMPING_RADIAL = 82,
-    DRAG_RADIAL = 83,
-    CUBIC_DAMPING_RADIAL = 84,
-    DRY_FRICTION_RADIAL = 85,
-    DAMPING_ASYMMETRIC = 86,
-    DRAG = 87,
-    CUBIC_DAMPING = 88,
-    PLAY = 89,
-    QUINTIC_STIFFNESS = 90,
-    QUINTIC_ISOTROPIC = 91
-};
 
 #define PI (0.5 * TWO_PI)
 

@@ -6,6 +6,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "kinds.h" /* enum effect_kind, written when this is compiled */
+
 enum {
     MAX_COEFFICIENTS = 6,
     MAX_INNER = 12,
@@ -20,7 +22,7 @@ enum {
 };
 
 typedef struct {
-    int64_t kind, at; /* `at`: the first of its own states */
+    int64_t kind, at; /* enum effect_kind; the first of its own states */
     double c[MAX_COEFFICIENTS];
 } effect_t;
 

@@ -1,12 +1,10 @@
 """The device as a machine: reproducible, indifferent to how its rows are asked for, true to its truth."""
 
-from enum import IntEnum
-
 import numpy as np
 import pytest
 
 from device_emulator.device import PAGE, TRUTH_COLUMNS, Device
-from device_emulator.effects.catalogue import DECLARATIONS
+from device_emulator.effects.kinds import DECLARATIONS
 from device_emulator.scenario import Scenario, load
 from tests.emulator.gyro import EXAMPLES, document, record, scenario, undriven
 
@@ -85,8 +83,8 @@ def test_hidden_effects_leave_the_noise_alone() -> None:
     np.testing.assert_array_equal(record(nothing, drive(N)).codes, plain.codes)
 
 
-@pytest.mark.parametrize("kind", DECLARATIONS, ids=lambda kind: kind.name.lower())
-def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: IntEnum) -> None:
+@pytest.mark.parametrize("name", DECLARATIONS)
+def test_every_declared_effect_acts_through_each_of_its_coefficients(name: str) -> None:
     """Each coefficient, moved alone, shows in the codes."""
     sizes = {
         "k3x": 1e13, "k3y": 1e13, "k3": 1e13, "k5x": 1e21, "k5y": 1e21, "k5r": 1e21, "k2x": 1e9, "k2y": 1e9,
@@ -111,12 +109,12 @@ def test_every_declared_effect_acts_through_each_of_its_coefficients(kind: IntEn
         "temperature": {"warm_up_K": 5.0},
     }
     codes = drive(100)
-    full = {c.symbol: sizes[c.symbol] for c in DECLARATIONS[kind].coefficients}
-    with_all = record(scenario(where, {"effect": [{"name": kind.name.lower(), **full}]}), codes).codes
+    full = {c.symbol: sizes[c.symbol] for c in DECLARATIONS[name].coefficients}
+    with_all = record(scenario(where, {"effect": [{"name": name, **full}]}), codes).codes
     assert (with_all != record(scenario(where), codes).codes).any()
     for symbol, size in full.items():
         changed = {**full, symbol: 0.0 if symbol in ("px", "py") else 0.5 * size}
-        moved = record(scenario(where, {"effect": [{"name": kind.name.lower(), **changed}]}), codes).codes
+        moved = record(scenario(where, {"effect": [{"name": name, **changed}]}), codes).codes
         assert (moved != with_all).any(), symbol
 
 

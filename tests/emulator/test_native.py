@@ -1,19 +1,14 @@
 """The emulator's inner loop in C: one list of effects with Python, no undefined behaviour, nothing heavy to import."""
 
 import os
-import re
 import shutil
 import subprocess
 import sys
-from enum import IntEnum
 from pathlib import Path
 
 import pytest
 
 import device_emulator
-from device_emulator.effects.drive import DriveKind
-from device_emulator.effects.force import ForceKind
-from device_emulator.effects.sense import SenseKind
 
 PACKAGE = Path(device_emulator.__file__).parent
 NATIVE = PACKAGE / "native"
@@ -22,7 +17,8 @@ EVERY_EFFECT = """
 import dataclasses, pathlib, sys
 import numpy as np
 from device_emulator.device import Device
-from device_emulator.effects.catalogue import DECLARATIONS, HiddenEffect
+from device_emulator.effects.catalogue import HiddenEffect
+from device_emulator.effects.kinds import DECLARATIONS
 from device_emulator.feedback import Feedback
 from device_emulator.scenario import load
 from tests.emulator.test_turn import test_random_drives_act_by_the_rules as converse
@@ -34,24 +30,16 @@ plain = load(pathlib.Path(sys.argv[1]))
 sizes = {"1/(m²·s²)": 1e12, "1/(m⁴·s²)": 1e20, "1/(m·s²)": 1e8, "Hz": 150.0, "1/s²": 1e5, "m": 3e-5, "s": 1e-4}
 sizes |= {"m/s³": 3e4, "V·s²/m": 1e-4, "m/s²": 0.1, "m/s": 1e-2, "s²/m": 1e-3}
 codes = np.random.default_rng(1).integers(-30000, 30000, (300, 2))
-for kind, declaration in DECLARATIONS.items():
+for name, declaration in DECLARATIONS.items():
     values = {c.symbol: 1.0 if c.switch else sizes.get(c.unit, 0.01) for c in declaration.coefficients}
     values |= {"every": 8.0, "width": 3.0} if "every" in values else {}
-    device = Device(plain.model_copy(update={"effect": [HiddenEffect(kind, values)]}))
+    device = Device(plain.model_copy(update={"effect": [HiddenEffect(name, values)]}))
     device.rows(codes)
     loop = Feedback(1, 100)
     loop.record["closed"], loop.record["limit"], loop.record["gain"] = 1, 100, 0.1
     device.closed_rows(loop.record, 100)
 print("all", len(DECLARATIONS))
 """
-
-
-@pytest.mark.parametrize(("header", "kinds"), [("force", ForceKind), ("drive", DriveKind), ("sense", SenseKind)])
-def test_c_numbers_each_effect_as_python_does(header: str, kinds: type[IntEnum]) -> None:
-    text = (NATIVE / f"{header}.h").read_text(encoding="utf-8")
-    listed = re.search(rf"enum {header}_kind \{{(.*?)\}};", text, re.DOTALL)
-    assert listed is not None
-    assert dict(re.findall(r"(\w+) = (\d+)", listed[1])) == {kind.name: str(kind.value) for kind in kinds}
 
 
 def test_a_board_imports_no_compiler_and_no_estimator() -> None:

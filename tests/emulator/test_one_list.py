@@ -2,15 +2,11 @@
 
 import pytest
 
-from device_emulator.effects.catalogue import DECLARATIONS
-from device_emulator.effects.drive import DriveKind
-from device_emulator.effects.force import ForceKind
-from device_emulator.effects.sense import SenseKind
+from device_emulator.effects.kinds import DECLARATIONS
 from estimator.effects.catalogue import EFFECTS
 
-OF_THE_EMULATOR = {kind.name.lower(): declaration for kind, declaration in DECLARATIONS.items()}
 OF_TRACING = {effect.name: effect for effect in EFFECTS}
-IN_BOTH = sorted(OF_THE_EMULATOR.keys() & OF_TRACING.keys())
+IN_BOTH = sorted(DECLARATIONS.keys() & OF_TRACING.keys())
 
 OTHERWISE = {
     "base_vibration": "a sine by frequency, amplitudes and phases: how one is measured",
@@ -32,13 +28,7 @@ ONLY_TRACED = {
 
 
 def test_an_effect_of_both_has_one_name() -> None:
-    assert OF_TRACING.keys() - OF_THE_EMULATOR.keys() == set().union(*ONLY_TRACED.values())
-
-
-def test_no_two_effects_of_the_emulator_share_a_number() -> None:
-    """The kernels tell them by it, and a table keyed by two kinds of one number loses one."""
-    kinds = [*ForceKind, *DriveKind, *SenseKind]
-    assert len({int(kind) for kind in kinds}) == len(kinds)
+    assert OF_TRACING.keys() - DECLARATIONS.keys() == set().union(*ONLY_TRACED.values())
 
 
 def test_what_is_stated_otherwise_is_in_both() -> None:
@@ -47,7 +37,7 @@ def test_what_is_stated_otherwise_is_in_both() -> None:
 
 @pytest.mark.parametrize("name", [name for name in IN_BOTH if name not in OTHERWISE])
 def test_an_effect_of_both_has_the_same_symbols_and_units(name: str) -> None:
-    units = {coefficient.symbol: coefficient.unit for coefficient in OF_THE_EMULATOR[name].coefficients}
+    units = {coefficient.symbol: coefficient.unit for coefficient in DECLARATIONS[name].coefficients}
     effect = OF_TRACING[name]
     asked = {item.name: item.unit for item in (*effect.coefficients, *effect.parameters)}
     if name == "parasitic_mode":

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from device_emulator.effects.catalogue import DECLARATIONS
+from device_emulator.effects.kinds import DECLARATIONS
 from evaluation.undeclared.device import draw_device
 from evaluation.undeclared.effects import BEYOND, DRAWABLE, EFFECTS
 from evaluation.undeclared.population import SHARES, Order, kinds, population
@@ -57,7 +57,7 @@ def test_effects_go_beyond_practice_and_some_are_on_one_axis_alone() -> None:
 
 
 def test_what_is_hidden_is_known_to_the_emulator() -> None:
-    names = {kind.name.lower() for kind in DECLARATIONS}
+    names = set(DECLARATIONS)
     order = next(order for order in population(480) if order.effects == ("parasitic_mode",))
     assert order.category in SHARES
     assert len(EFFECTS) > len(DRAWABLE) > 20
