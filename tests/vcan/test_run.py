@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import time
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
@@ -32,15 +33,29 @@ EXAMPLES = TREE / "examples"
 PATIENCE_S = 120.0
 SAMPLES = 3000
 COLUMNS = ("vx", "vy", "ux", "uy")
+LAST_ID = 0x7FF  # no message of the wire
+LAST = b" 7FF#\n"  # the same, as candump writes it
+BUFFER_BYTES = 4096  # of candump's standard output, where it is a file
 
 
 @contextlib.contextmanager
 def watching(log: Path) -> Iterator[None]:
-    """candump, writing everything on the interface into its log format."""
+    """candump, writing everything on the interface into its log format.
+
+    It may be behind the bus when the test has ended, and what it has not read by then it drops at SIGINT.  So it is
+    waited for until it has written frames that were sent last; there are enough of them to fill its buffer.
+    """
     with log.open("w", encoding="ascii") as out:
         process = subprocess.Popen(["candump", "-L", "-r", "8388608", "vcan0"], stdout=out)
         try:
             yield
+            with can.Bus("vcan0", interface="socketcan") as bus:
+                for _ in range(BUFFER_BYTES // len(LAST) + 1):
+                    bus.send(can.Message(arbitration_id=LAST_ID, is_extended_id=False))
+            end = time.monotonic() + PATIENCE_S
+            while LAST not in log.read_bytes():
+                assert time.monotonic() < end, "candump is behind the bus"
+                time.sleep(0.1)
         finally:
             process.send_signal(signal.SIGINT)
             process.wait(PATIENCE_S)
@@ -79,6 +94,8 @@ def heard(log: Path) -> Iterator[tuple[str, dict[str, int], can.Message]]:
     database = cantools.database.load_file(TREE / "firmware" / "gyrohil.dbc")
     with can.CanutilsLogReader(log) as frames:
         for frame in frames:
+            if frame.arbitration_id == LAST_ID:
+                return
             message = database.get_message_by_frame_id(frame.arbitration_id)
             yield message.name, message.decode(bytes(frame.data), decode_choices=False, allow_truncated=True), frame
 
