@@ -1,9 +1,10 @@
 """What hil identify predicts of emulated boards over what they do: `python -m evaluation.identifying.advised`.
 
 Boards are drawn as in `evaluation.identifying`.  Each is identified; its bench file then runs on the same board.
-Noise: of the reported angle at a constant rate, less its drift, which is a bias, between instants so far apart that the
-predicted noise and random walk add up, and over so many memories that it scatters by a few percent; its standard
-uncertainty is told, by parts that are long enough to be independent.
+Noise: of the reported angle at a constant rate, less its drift and its harmonics in the angle of the pattern, which are
+a bias and an angle-dependent bias, between instants so far apart that the predicted noise and random walk add up, and
+over so many memories that it scatters by a few percent; its standard uncertainty is told, by parts that are long enough
+to be independent.  `with_bias` is the ratio with the harmonics left in.
 Bandwidths: sines of the rate about those predicted, to which the estimates are fitted.
 Margin: runs in which the drive acts later than IDENTITY says, in steps of a tenth of it.
 """
@@ -40,6 +41,7 @@ _ABOUT = (0.8, 1.25)  # of a predicted bandwidth
 _LATE, _FARTHEST = 0.1, 0.45  # of a predicted margin
 _LAG = 2.0  # memories, over which the angle's noise is taken: beyond it two estimates have little in common
 _WITHIN = 0.2
+_HARMONICS = 4
 
 
 def found_of(seed: int, drawn: Drawn, folder: Path) -> tuple[Findings, Bench]:
@@ -91,10 +93,13 @@ def turned(bench: Bench, drawn: Drawn, found: Prediction, ratio: float, folder: 
     still = (time_s > (_SETTLE + 0.1) * memory) & (time_s < (_SETTLE + _STILL) * memory)
     error = table["angle_rad"][still] - rate * time_s[still]
     lag = round(_LAG * memory / (time_s[1] - time_s[0]))
-    grown = error[lag:] - error[:-lag]
-    squares = 0.5 * (grown - np.mean(grown)) ** 2
+    pattern = (rate + bench.controller.virtual_rotation_rad_s) * bench.device.calibration.angular_gain * time_s[still]
+    periodic = [turn(k * pattern) for k in range(1, _HARMONICS + 1) for turn in (np.cos, np.sin)]
+    columns = np.column_stack([np.ones_like(error), time_s[still], *periodic])
+    random = error - columns @ np.linalg.lstsq(columns, error, rcond=None)[0]
+    squares = _squares(random, lag)
     parts = [float(np.mean(part)) for part in np.array_split(squares, round(_STILL / _BLOCK))]
-    measured = {"noise": float(np.sqrt(np.mean(squares)))}
+    measured = {"noise": float(np.sqrt(np.mean(squares))), "with_bias": float(np.sqrt(np.mean(_squares(error, lag))))}
     measured["noise_u"] = 0.5 * float(np.std(parts, ddof=1)) / math.sqrt(len(parts)) / measured["noise"]
     gains: dict[str, list[tuple[float, float]]] = {}
     for k, (name, hertz) in enumerate(sines):
@@ -107,6 +112,12 @@ def turned(bench: Bench, drawn: Drawn, found: Prediction, ratio: float, folder: 
         slope = math.log(high[1] / low[1]) / math.log(high[0] / low[0])
         measured[name] = low[0] * (math.sqrt(0.5) / low[1]) ** (1.0 / slope)
     return measured
+
+
+def _squares(error: NDArray[np.float64], lag: int) -> NDArray[np.float64]:
+    """Halves of the squares by which an error (n,) grows over a lag, less its drift."""
+    grown = error[lag:] - error[:-lag]
+    return 0.5 * (grown - np.mean(grown)) ** 2
 
 
 def margin_of(bench: Bench, drawn: Drawn, margin_s: float, folder: Path) -> float:
@@ -146,7 +157,7 @@ def of_board(seed: int, folder: Path) -> dict[str, Any]:
     measured = turned(bench, drawn, told, ratio, folder)
     lag_s = _LAG * bench.memory_s
     noise = math.hypot(told.angle_noise_rad, told.angle_random_walk_rad_per_rts * math.sqrt(0.5 * lag_s))
-    figures = {"noise": noise, "rate": told.rate_bandwidth_Hz, "angle": told.angle_bandwidth_Hz}
+    figures = {"noise": noise, "with_bias": noise, "rate": told.rate_bandwidth_Hz, "angle": told.angle_bandwidth_Hz}
     if told.delay_margin_s and not told.margin_open:
         figures["margin"] = told.delay_margin_s
         measured["margin"] = margin_of(bench, drawn, told.delay_margin_s, folder)
@@ -168,7 +179,7 @@ def main() -> None:
         rows.append(of_board(seed, asked.folder))
         print(seed, *(f"{name} {value:.3f}" for name, value in rows[-1]["ratio"].items()), flush=True)
         (asked.folder / "advised.json").write_text(json.dumps(rows, indent=1))
-    for name in ("noise", "rate", "angle", "margin"):
+    for name in ("noise", "with_bias", "rate", "angle", "margin"):
         ratios: NDArray[np.float64] = np.array([row["ratio"][name] for row in rows if name in row["ratio"]])
         within = np.sum(np.abs(ratios - 1.0) <= _WITHIN)
         print(f"{name}: {within} of {len(ratios)} within 20 %, {np.min(ratios):.3f} to {np.max(ratios):.3f}")
