@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from hil.plugins.protocol import TrimVoltages as TrimVoltages
     from hil.records.methods import MethodRow as MethodRow
     from hil.records.methods import Methods as Methods
-    from hil.running.run import Interrupted as Interrupted
+    from hil.running.concluding import Interrupted as Interrupted
     from hil.wire.errors import WireError as WireError
 
     open = open_live
@@ -84,7 +84,7 @@ _OFFERED = {
     "hil.plugins.errors": ("PluginError",),
     "hil.plugins.protocol": ("Controller", "DeclaredDevice", "Drive", "Estimate", "Observer", "TrimVoltages"),
     "hil.records.methods": ("MethodRow", "Methods"),
-    "hil.running.run": ("Interrupted",),
+    "hil.running.concluding": ("Interrupted",),
     "hil.wire.errors": ("WireError",),
 }  # fmt: skip
 _HOMES = {name: (home, name) for home, names in _OFFERED.items() for name in names}

@@ -75,7 +75,7 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
         pass
 
     monkeypatch.setattr("hil.report.page.write_report", written)
-    monkeypatch.setattr("hil.running.run._artist", lambda _: nullcontext())
+    monkeypatch.setattr("hil.running.concluding.artist", lambda _: nullcontext())
 
 
 @pytest.fixture

@@ -86,12 +86,13 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     line: Line = {"key": key_of(order, samples), "category": order.category, "effects": list(order.effects)}
     begin = time.monotonic()
     bench = parse_table(planned.bench, Bench, order.name)
+    if planned.open_loop:
+        bench = bench.with_(controller={"enabled": False})
     write_text(place / "device.scenario.toml", toml_of(planned.scenario))
     write_text(place / "device.bench.toml", template(values_of(bench), "The data sheet."))
     truth = place / "truth.arrow"
     board = f"inproc:{place / 'device.scenario.toml'}"
-    request = RunRequest(bench, board, open_loop=planned.open_loop, truth=truth)
-    came = run(request, place, progress=lambda _: None)
+    came = run(RunRequest(bench, board, truth=truth), place, progress=lambda _: None)
     assert came.folder is not None
     line["seconds"] = round(time.monotonic() - begin, 1)
     try:

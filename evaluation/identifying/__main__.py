@@ -17,10 +17,11 @@ from hil.errors import InputError
 from hil.identifying.identify import identify
 from hil.identifying.request import request_of
 from hil.progress import untold
+from hil.running.concluding import Made, conclude
 from hil.running.options import LocalRunOptions
 from hil.running.request import RunRequest
 from hil.running.request import request_of as run_request
-from hil.running.run import RunResult, conclude, new_folder
+from hil.running.run import RunResult, new_folder
 from hil.running.worker import Order, work
 from hil.running.worker import untold as untold_lines
 from hil.scoring.score import score
@@ -40,7 +41,7 @@ def here(request: RunRequest, out: Path, *, progress: object = None) -> RunResul
         own_process=False,
     )
     if request.judged:
-        conclude(folder, request.bench, outcome, link=request.link, note=None, report=False, progress=untold)
+        conclude(Made(folder, request.bench, outcome, request.link), report=False, progress=untold)
     return RunResult(folder, outcome["identity"], outcome)
 
 

@@ -177,7 +177,8 @@ class _Following:
             interrupt()
 
     def _follow(self) -> None:
-        from hil.running.run import Interrupted, run
+        from hil.running.concluding import Interrupted
+        from hil.running.run import run
 
         try:
             with in_arguments_of(self._opened_by):

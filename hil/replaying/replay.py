@@ -26,9 +26,10 @@ from hil.records.occupied import occupied
 from hil.records.runfolder import RunFolder
 from hil.records.trims import TRIMS, trims_beside
 from hil.running.angle import ReportedAngle
+from hil.running.concluding import Made, conclude
 from hil.running.live_settings import LiveSettings
 from hil.running.recorder import record_here
-from hil.running.run import RunResult, conclude, new_folder
+from hil.running.run import RunResult, new_folder
 from hil.running.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
 
 _BLOCK = 1 << 14
@@ -67,7 +68,7 @@ def replay(capture: Path, bench: Bench, out: Path, *, backend: Backend | None = 
         except ModelError as error:  # of the record itself: a step too long for the flow
             shutil.rmtree(folder)
             raise InputError(f"{capture}: {error}") from None
-    conclude(folder, bench, {"stopped": record.cut}, link=None, note=None, progress=progress)
+    conclude(Made(folder, bench, {"stopped": record.cut}), progress=progress)
     return RunResult(folder, {})
 
 

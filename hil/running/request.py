@@ -23,7 +23,7 @@ from hil.running.options import OF_THE_LOOP, LocalRunOptions, RunOptions
 class RunRequest:
     """The bench with what was given in the place of its keys, and the link with an emulated board's scenario as a path.
 
-    open_loop: the drive is held at zero.  dry_run: nothing is armed, nothing recorded.  truth: file for the truth of
+    dry_run: nothing is armed, nothing recorded.  truth: file for the truth of
     an emulated board.  replace: one that is there may be removed.  note: of the operator, for result.json.  wire_log:
     file for the frames of a CAN link.
     own_board: an emulated board is to be started for this run, and not one that serves already to be used.
@@ -32,7 +32,6 @@ class RunRequest:
 
     bench: Bench
     link: str
-    open_loop: bool = False
     dry_run: bool = False
     truth: Path | None = None
     replace: bool = False
@@ -69,8 +68,7 @@ def request_of(
     given = chosen(LocalRunOptions, options)
     loop = {key: given[key] for key in OF_THE_LOOP if given[key] is not None}
     require("note", given["note"], str | None, "a text")
-    open_loop = bool(given["open_loop"])
-    control = {"enabled": False} if open_loop else {}
+    control = {"enabled": False} if given["open_loop"] else {}
     require("reference", given["reference"], str | None, "a text such as serial:/dev/ttyUSB0")
     beside = {} if given["reference"] is None else {"link": given["reference"]}
     changes = {"loop": loop, "controller": control, "reference": beside}
@@ -88,7 +86,7 @@ def request_of(
         fresh(truth, replace=bool(given["replace"]), place="--truth: ")
     own_board = is_emulated(url) and not (truth is None and given["seed"] is None)
     replace = bool(given["replace"])
-    return RunRequest(declared, url, open_loop, dry_run, truth, replace, given["note"], log, own_board)
+    return RunRequest(declared, url, dry_run, truth, replace, given["note"], log, own_board)
 
 
 def require_consent(request: RunRequest, *, given: bool) -> None:

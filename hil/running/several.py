@@ -26,9 +26,10 @@ from hil.records.attitude import (
 from hil.records.runfolder import RunFolder
 from hil.running.attitude import Together, together
 from hil.running.attitude_live import LiveAttitude
+from hil.running.concluding import Interrupted
 from hil.running.options import RunOptions
 from hil.running.request import RunRequest, request_of
-from hil.running.run import Interrupted, run
+from hil.running.run import run
 from hil.running.supervision import ctrl_c
 
 NAMES = "xyz"

@@ -143,9 +143,9 @@ def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], note: str 
         save_result(run.result_path, summarise(run, outcome.get("counters", {})))
         return {}
     from hil.records.result import load_result
-    from hil.running.run import conclude
+    from hil.running.concluding import Made, conclude
 
-    conclude(run.path, bench, outcome, link="inproc:", note=note, report=False, progress=lambda _: None)
+    conclude(Made(run.path, bench, outcome, "inproc:", note), report=False, progress=lambda _: None)
     said = load_result(run.result_path)
     return {
         "verdict": said.verdict,

@@ -23,6 +23,7 @@ from hil.errors import InputError
 from hil.records.runfolder import RunFolder
 from hil.running import run as whole
 from hil.running import worker
+from hil.running.concluding import Made, conclude
 from hil.running.request import RunRequest
 from hil.tracing.request import request_of
 from tests.running import gyro
@@ -134,7 +135,7 @@ def ran(mode: str, scenario: Path, folder: Path, reading: Reading) -> Path:
     with reading.during():
         require_usable(own, "run")
         outcome = worker.work(order, worker.untold, own_process=False)
-        whole.conclude(folder, own, outcome, link=f"inproc:{scenario}", note=None, report=True, progress=lambda _: None)
+        conclude(Made(folder, own, outcome, f"inproc:{scenario}"), progress=lambda _: None)
     return folder / "capture.arrow"
 
 

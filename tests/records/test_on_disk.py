@@ -8,7 +8,7 @@ from hil.bench import examples, load_bench
 from hil.progress import Progress
 from hil.records.direct import on_disk
 from hil.records.result import load_result
-from hil.running.run import Interrupted, conclude
+from hil.running.concluding import Interrupted, Made, conclude
 
 
 def interrupt(_: Progress) -> None:
@@ -20,11 +20,12 @@ def interrupted_figures(folder: Path, meant_s: float = 0.5) -> str:
     counters = {"samples": 10_000, "lost": 0}
     with pytest.raises(Interrupted) as told:
         conclude(
-            folder,
-            load_bench(examples.find("bench", "s-slow")).with_(loop={"duration_s": meant_s, "settle_s": 0.1}),
-            {"counters": counters, "safety": {"armed": False, "confirmed": None}},
-            link="pty:s-slow",
-            note=None,
+            Made(
+                folder,
+                load_bench(examples.find("bench", "s-slow")).with_(loop={"duration_s": meant_s, "settle_s": 0.1}),
+                {"counters": counters, "safety": {"armed": False, "confirmed": None}},
+                "pty:s-slow",
+            ),
             progress=interrupt,
         )
     return str(told.value)

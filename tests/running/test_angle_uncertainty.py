@@ -24,12 +24,9 @@ def ran(
     """A run in lockstep against S-slow, whose scenario gets `effects` as further text; scored."""
     scenario, truth = gyro.scenario(tmp_path / "board.toml"), tmp_path / "truth.arrow"
     scenario.write_text(scenario.read_text() + effects)
-    declared = gyro.bench(seconds, **changes)
-    done = run(
-        RunRequest(declared, f"inproc:{scenario}", open_loop=open_loop, truth=truth),
-        tmp_path / "runs",
-        progress=lambda _: None,
-    )
+    control = {"controller": {"enabled": False}} if open_loop else {}
+    request = RunRequest(gyro.bench(seconds, **changes, **control), f"inproc:{scenario}", truth=truth)
+    done = run(request, tmp_path / "runs", progress=lambda _: None)
     assert done.folder is not None
     score(done.folder, truth)
     return RunFolder(done.folder)

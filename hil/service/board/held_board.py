@@ -371,7 +371,8 @@ class HeldBoard:
         self._running.start()
 
     def _run(self, start: Start) -> None:
-        from hil.running.run import Interrupted, run
+        from hil.running.concluding import Interrupted
+        from hil.running.run import run
 
         link = self._link
         assert link is not None
