@@ -22,7 +22,6 @@ import numpy as np
 from device_emulator.rate import pieces as profile
 from device_emulator.scenario import load
 from device_emulator.serve import send_paced, stop_signal
-from device_emulator.stim300 import checksum
 from hil.wire.errors import LinkClosed, WireError
 from hil.wire.pty_link import PtyLink, open_pty
 
@@ -39,6 +38,18 @@ class Motion(NamedTuple):
     acc: tuple[float, float, float] = (0.0, 0.0, 1.0)
     temp: float = 25.0
     status: int = 0
+
+
+def crc32(body: bytes) -> int:
+    """Of a STIM300: the message's remainder, as a polynomial over two elements, by x³² + x²⁶ + … + 1, from all ones."""
+    register = 0xFFFFFFFF
+    for byte in body + bytes(-len(body) % 4):
+        for bit in range(7, -1, -1):
+            carry = (register >> 31) ^ (byte >> bit & 1)
+            register = (register << 1) & 0xFFFFFFFF
+            if carry:
+                register ^= 0x04C11DB7
+    return register
 
 
 def stim(motion: Motion, identifier: int = 0x90, crlf: bool = False) -> bytes:
@@ -58,8 +69,8 @@ def stim(motion: Motion, identifier: int = 0x90, crlf: bool = False) -> bytes:
             body += struct.pack(">3hB", *(round(temp * 256),) * 3, motion.status)
     if auxiliary:
         body += struct.pack(">i", 1000)[1:] + bytes([motion.status])
-    body += struct.pack(">BH", 4 * motion.n & 0xFF, 506)
-    return body + struct.pack(">I", checksum(body)) + (b"\r\n" if crlf else b"")
+    body += struct.pack(">BH", round(2000 * motion.t_s) & 0xFF, 506)  # its own 2000 samples a second
+    return body + struct.pack(">I", crc32(body)) + (b"\r\n" if crlf else b"")
 
 
 def _ccitt(data: bytes) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import hil
+from device_emulator.gyros import Gyro, stim
 from hil import cli
 from hil.errors import InputError
 from hil.exporting.exported import channels
@@ -25,15 +26,16 @@ from hil.sensors.record import record
 from hil.sensors.request import RecordRequest, request_of
 from hil.wire.errors import LinkError
 from tests.sensors.conftest import Install
+from tests.sensors.spoken import spoken
 
 
 @contextmanager
 def emulated(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
     """The link of an emulated sensor, and its process."""
-    command = [sys.executable, "-m", "device_emulator.stim300", *options]
+    command = [sys.executable, "-m", "device_emulator.gyros", "stim300", *options]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
-        yield process.stdout.readline().removeprefix("ready ").strip(), process
+        yield process.stdout.readline().strip().replace("ready serial:", "stim300:"), process
         process.terminate()
 
 
@@ -57,7 +59,7 @@ def test_a_good_record(tmp_path: Path) -> None:
     assert (capture.axes, capture.tick_rate_Hz) == (0, 1000.0)
     rates = rates_rad_s(capture)
     assert np.degrees(rates["z"].mean()) == pytest.approx(-25.0, abs=0.01)
-    assert np.degrees(rates["x"]).mean() == pytest.approx(0.0, abs=0.01)
+    assert np.degrees(rates["x"]).mean() == pytest.approx(-1.0, abs=0.01)
     assert result.sensor is not None
     noise = result.sensor.channels["y"].noise_rad_s
     assert noise is not None
@@ -69,8 +71,9 @@ def test_a_good_record(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_a_counter_of_datagrams(tmp_path: Path) -> None:
-    with emulated("--sample-rate", "250", "--count", "datagrams", "--crlf") as (link, _):
-        capture, result = go(tmp_path, link)
+    older = Gyro(lambda one: stim(one._replace(t_s=one.n / 2000.0), crlf=True), 250.0, 921600)
+    with spoken(older) as path:
+        capture, result = go(tmp_path, f"stim300:{path}")
     assert (result.verdict, result.samples, result.lost, capture.tick_rate_Hz) == ("good", 250, 0, 250.0)
 
 
@@ -88,8 +91,9 @@ def test_a_bad_line_is_counted_and_fails_the_record(tmp_path: Path) -> None:
 
 @pytest.mark.realtime
 def test_a_sensor_that_complains(tmp_path: Path) -> None:
-    with emulated("--status", "0x14", "--start-up", "0.2") as (link, _):
-        _, result = go(tmp_path, link)
+    starting = Gyro(lambda one: stim(one._replace(status=0x54 if one.t_s < 0.2 else 0x14)), 500.0, 921600)
+    with spoken(starting) as path:
+        _, result = go(tmp_path, f"stim300:{path}")
     assert result.verdict == "failed"
     assert result.reasons == (f"the sensor reports: overload (z), in {result.samples} samples",)
     assert any("starting up" in remark for remark in result.remarks)

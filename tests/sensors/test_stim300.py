@@ -1,14 +1,13 @@
 """The STIM300's rate-only datagram: golden ones, a damaged stream, and the emulated source against the decoder."""
 
 import math
-from argparse import Namespace
 from itertools import islice
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from device_emulator import stim300 as emulated
+from device_emulator.gyros import GYROS, Motion, crc32, stim, stream
 from hil.sensors.checksums import CHECKS
 from tests.sensors.golden import SIZE, Stim300, golden, remainder
 
@@ -23,30 +22,21 @@ WIRE = [
 LONGEST = 63  # bytes of a datagram: what looks like the beginning of one is waited for that long
 
 
-def options(**changes: object) -> Namespace:
-    plain = {
-        "sample_rate": 500,
-        "rate": 10.0,
-        "amplitude": 0.0,
-        "frequency": 1.0,
-        "noise": 0.02,
-        "status": 0,
-        "seed": 1,
-    }
-    sound = {"corrupted": 0.0, "lost": 0.0, "start_up": 0.0, "crlf": False, "count": "samples"}
-    return Namespace(**plain | sound | changes)
+def sent(count: int) -> list[bytes]:
+    """The first datagrams of the emulated sensor."""
+    return [bytes(one) for datagram in islice(stream(GYROS["stim300"]), count) for one in datagram]  # type: ignore[arg-type]
 
 
 def test_the_checksum_is_the_published_one() -> None:
     """CRC-32/MPEG-2, whose check value of "123456789" is 0376E6E7."""
     assert remainder(b"123456789") == 0x0376E6E7
-    assert remainder(b"1234567890abcd\0\0") == emulated.checksum(b"1234567890abcd")
+    assert remainder(b"1234567890abcd\0\0") == crc32(b"1234567890abcd")
 
 
 @pytest.mark.moderate
 @given(st.binary(min_size=14, max_size=14))
 def test_three_ways_to_the_same_checksum(body: bytes) -> None:
-    assert (made := remainder(body + b"\0\0")) == emulated.checksum(body)
+    assert (made := remainder(body + b"\0\0")) == crc32(body)
     assert CHECKS["crc32"].left(body + made.to_bytes(4, "big")) == 0
     assert CHECKS["crc32"].left(body + (made ^ 1).to_bytes(4, "big")) != 0
 
@@ -66,8 +56,9 @@ def test_golden_datagrams_as_written_down() -> None:
 
 
 def test_the_emulated_sensor_sends_golden_datagrams() -> None:
-    for datagram, counter, codes, status, latency_us in golden():
-        assert emulated.datagram(codes, status, counter, latency_us) == datagram
+    datagram, counter, codes, status, _ = golden()[1]  # the one with the latency that it has
+    x, y, z = (code / 2**14 for code in codes)
+    assert stim(Motion(0, counter / 2000.0, (x, y, z), status=status)) == datagram
 
 
 def test_one_step_is_two_to_the_minus_14_degrees_per_second() -> None:
@@ -87,13 +78,13 @@ def test_status_in_words() -> None:
 def test_whatever_comes_before_the_first_datagram_is_no_fault() -> None:
     decoder = Stim300()
     noise = bytes([0x90, 1, 2, 3]) * 20 + b"\xb1 part number \xb5 serial"
-    samples = decoder.feed(noise + b"".join(islice(emulated.stream(options()), 5)))
+    samples = decoder.feed(noise + b"".join(sent(5)))
     assert len(samples) == 5
     assert (decoder.crc_errors, decoder.skipped) == (0, 0)
 
 
 def test_damage_costs_one_datagram_and_is_counted() -> None:
-    datagrams = list(islice(emulated.stream(options()), 100))
+    datagrams = sent(100)
     for victim in range(10, 90, 10):
         damaged = bytearray(datagrams[victim])
         damaged[victim % SIZE] ^= 0x10
@@ -106,7 +97,7 @@ def test_damage_costs_one_datagram_and_is_counted() -> None:
 
 
 def test_a_lost_byte_is_found_again() -> None:
-    datagrams = list(islice(emulated.stream(options()), 20))
+    datagrams = sent(20)
     wire = b"".join(datagrams)
     decoder = Stim300()
     samples = decoder.feed(wire[: 5 * SIZE + 4] + wire[5 * SIZE + 5 :])
@@ -116,7 +107,7 @@ def test_a_lost_byte_is_found_again() -> None:
 
 def test_lines_may_end_in_cr_lf() -> None:
     decoder = Stim300()
-    assert len(decoder.feed(b"".join(islice(emulated.stream(options(crlf=True)), 50)))) == 50
+    assert len(decoder.feed(b"".join(one + b"\r\n" for one in sent(50)))) == 50
     assert (decoder.crc_errors, decoder.skipped) == (0, 0)
 
 

@@ -69,7 +69,7 @@ def run(command: str, place: Path) -> Done:
         with _served(["-m", "hil", "emulate", "s-slow"], "ready ") as url:
             return _run(command.replace(_BOARD, url), place)
     if _SENSOR in command:
-        with _served(["-m", "device_emulator.stim300"], "ready ") as url:
+        with _served(["-m", "device_emulator.gyros", "stim300"], "ready ") as url:
             return _run(command.replace(_SENSOR, f"serial:{url.partition(':')[2]}"), place)
     if command in _SERVES:
         begin = time.monotonic()
