@@ -1,9 +1,14 @@
 """Where the fields of one frame stand: from a declaration and a frame's head to a function that reads it."""
 
+import binascii
 import struct
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial, reduce
+from operator import xor
+from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
 
+from hil.records.layout import Column
 from hil.sensors.checksums import CHECKS
 from hil.sensors.declared import Field, Protocol, fields_of
 
@@ -38,40 +43,41 @@ Finder = Callable[[bytes, int], Layout | int | None]
 """From a buffer and where a frame may begin to its layout; to the bytes there must be first; None where it is none."""
 
 
-def begins_of(protocol: Protocol) -> list[bytes]:
-    """What its frames begin with."""
-    if "frames" in protocol.how:
-        return [bytes.fromhex(start) for start in protocol.how["frames"]]
-    if "sentences" in protocol.how:
-        return [b"$" + name.encode() + b"," for name in protocol.how["sentences"]]
-    return [bytes.fromhex(protocol.how["groups" if "groups" in protocol.how else "tags"]["sync"])]
+class Framing(NamedTuple):
+    """How a protocol's frames are found: what they begin with, their fields as declared, whether a checksum fits.
+    sizes: lengths of those whose first bytes tell it."""
+
+    begins: Sequence[bytes]
+    fields: Sequence[Sequence[Field]]
+    find: Finder
+    fits: Callable[[bytes], bool]
+    sizes: Mapping[bytes, int] = MappingProxyType({})
+
+    @property
+    def rates(self) -> tuple[Column, ...]:
+        """Columns of the rates, as the first fields that are declared with some have them."""
+        every = ([one.column for one in fields if one.name.startswith("rate_")] for fields in self.fields)
+        return tuple(column for column in next(columns for columns in every if columns) if column is not None)
 
 
-def finder_of(protocol: Protocol) -> Finder:
-    """How its frames are laid out, by the way it declares."""
-    if "frames" in protocol.how:
-        return _by_start(protocol)
-    if "sentences" in protocol.how:
-        return _by_sentence(protocol)
-    return _by_group(protocol) if "groups" in protocol.how else _by_tag(protocol)
+def framing_of(protocol: Protocol) -> Framing:
+    """By the way that it declares."""
+    return next(make(protocol) for way, make in _WAYS.items() if way in protocol.how)
 
 
-def by_start(protocol: Protocol) -> dict[bytes, Layout]:
-    """The layouts of frames whose first bytes tell their length; none of a protocol that declares another way."""
+def _by_start(protocol: Protocol) -> Framing:
+    blocks = {name: tuple(fields_of(texts)) for name, texts in protocol.how["blocks"].items()}
     layouts: dict[bytes, Layout] = {}
-    for start, blocks in protocol.how.get("frames", {}).items():
-        texts = [text for block in blocks.split() for text in protocol.how["blocks"][block]]
-        layouts[bytes.fromhex(start)] = _binary(protocol, len(start) // 2, tuple(fields_of(texts)))
-    return layouts
-
-
-def _by_start(protocol: Protocol) -> Finder:
-    layouts = by_start(protocol)
+    for start, names in protocol.how["frames"].items():
+        fields = tuple(field for name in names.split() for field in blocks[name])
+        layouts[bytes.fromhex(start)] = _binary(protocol, len(start) // 2, fields)
     width = max(map(len, layouts))
-    return lambda buffer, at: layouts.get(buffer[at : at + width])
+    sizes = {begin: layout.size for begin, layout in layouts.items()}
+    find: Finder = lambda buffer, at: layouts.get(buffer[at : at + width])  # noqa: E731
+    return Framing(list(layouts), list(blocks.values()), find, partial(_fits, protocol), sizes)
 
 
-def _by_group(protocol: Protocol) -> Finder:
+def _by_group(protocol: Protocol) -> Framing:
     groups = [[tuple(fields_of(texts)) for texts in group] for group in protocol.how["groups"]["fields"]]
     known: dict[bytes, Layout | None] = {}
 
@@ -98,10 +104,11 @@ def _by_group(protocol: Protocol) -> Finder:
             known[head] = _binary(protocol, len(head), fields)
         return known[head]
 
-    return find
+    every = [fields for group in groups for fields in group]
+    return Framing([bytes.fromhex(protocol.how["groups"]["sync"])], every, find, partial(_fits, protocol))
 
 
-def _by_tag(protocol: Protocol) -> Finder:
+def _by_tag(protocol: Protocol) -> Framing:
     declared = {int(tag, 16): tuple(fields_of(texts)) for tag, texts in protocol.how["tags"].items() if tag != "sync"}
     sync = len(protocol.how["tags"]["sync"]) // 2
     known: dict[bytes, Layout | None] = {}
@@ -135,7 +142,8 @@ def _by_tag(protocol: Protocol) -> Finder:
             known[key] = _binary(protocol, head, tuple(fields))
         return known[key]
 
-    return find
+    begins = [bytes.fromhex(protocol.how["tags"]["sync"])]
+    return Framing(begins, list(declared.values()), find, partial(_fits, protocol))
 
 
 def _tagged(declared: Mapping[int, tuple[Field, ...]], tag: int, width: int) -> list[Field]:
@@ -176,7 +184,13 @@ def _binary(protocol: Protocol, head: int, fields: tuple[Field, ...]) -> Layout:
     return Layout(size, fields, read)
 
 
-def _by_sentence(protocol: Protocol) -> Finder:
+def _fits(protocol: Protocol, frame: bytes) -> bool:
+    """Whether the checksum in front of the tail is right."""
+    body = frame[protocol.check_from : len(frame) - len(protocol.tail)]
+    return frame.endswith(protocol.tail) and CHECKS[protocol.check].left(body) == 0
+
+
+def _by_sentence(protocol: Protocol) -> Framing:
     """Text: `$NAME,number,…*CHECKSUM`, two digits of an exclusive or or four of a CRC, over what stands between."""
     declared = {b"$" + name.encode(): tuple(fields_of(texts)) for name, texts in protocol.how["sentences"].items()}
 
@@ -195,7 +209,18 @@ def _by_sentence(protocol: Protocol) -> Finder:
 
         return Layout(star + 1 + digits - at, fields, read)
 
-    return find
+    def fits(frame: bytes) -> bool:
+        body, _, told = frame[1:].partition(b"*")
+        made = reduce(xor, body) if len(told) == 2 else binascii.crc_hqx(body, 0)
+        try:
+            return int(told, 16) == made
+        except ValueError:
+            return False
+
+    return Framing([name + b"," for name in declared], list(declared.values()), find, fits)
+
+
+_WAYS = {"frames": _by_start, "groups": _by_group, "tags": _by_tag, "sentences": _by_sentence}
 
 
 def _reading(fields: Sequence[Field], numbers: object, protocol: Protocol) -> Reading:

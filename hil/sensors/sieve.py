@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from hil.sensors.checksums import CHECKS, fitting, parts_of
 from hil.sensors.declared import Protocol
-from hil.sensors.layouts import begins_of, by_start
+from hil.sensors.layouts import Framing
 
 MANY = 1 << 15
 """Bytes from which on it pays to try all places at once."""
@@ -17,10 +17,10 @@ MANY = 1 << 15
 class Sieve:
     """Of one protocol; what was worked out for a length of frame is kept."""
 
-    def __init__(self, protocol: Protocol) -> None:
-        self.begin = re.compile(b"|".join(re.escape(one) for one in begins_of(protocol)), re.DOTALL)
+    def __init__(self, protocol: Protocol, framing: Framing) -> None:
+        self.begin = re.compile(b"|".join(re.escape(one) for one in framing.begins), re.DOTALL)
         self._protocol = protocol
-        self._sizes = {begin: layout.size - len(protocol.tail) for begin, layout in by_start(protocol).items()}
+        self._sizes = {begin: size - len(protocol.tail) for begin, size in framing.sizes.items()}
         self._parts: dict[int, tuple[int, npt.NDArray[np.uint32]]] = {}  # by the length that the checksum covers
 
     def possible(self, buffer: bytes) -> list[int]:

@@ -4,16 +4,12 @@ After a frame the next one is expected at once. What stands there instead is cou
 bytes as skipped; the beginning of a frame is then looked for until a checksum fits again.
 """
 
-import binascii
 import math
-from functools import reduce
-from operator import xor
 
 from hil.records.layout import Column
 from hil.sensors.adapter import Sample
-from hil.sensors.checksums import CHECKS
-from hil.sensors.declared import Protocol, fields_of
-from hil.sensors.layouts import Layout, Reading, begins_of, finder_of
+from hil.sensors.declared import Protocol
+from hil.sensors.layouts import Layout, Reading, framing_of
 from hil.sensors.sieve import Places, Sieve
 
 _OWN_COUNT = 256
@@ -38,13 +34,12 @@ class StreamDecoder:
         self.counter_Hz = protocol.counter_Hz
         self.counts_itself = not protocol.counter_size
         self.crc_errors = self.skipped = self.frames = self.understood = 0
-        self.channels = _expected(protocol)
+        self._framing, self._ends = framing_of(protocol), protocol.ends
+        self.channels = self._framing.rates
         self._columns: dict[str, Column] = {}
         self._held: dict[str, float] = {}
-        self._find, self._ends = finder_of(protocol), protocol.ends
-        self._sieve = Sieve(protocol)
-        self._kept = max(max(map(len, begins_of(protocol))) - 1, len(protocol.ends))
-        self._is_text = "sentences" in protocol.how
+        self._sieve = Sieve(protocol, self._framing)
+        self._kept = max(max(map(len, self._framing.begins)) - 1, len(protocol.ends))
         self._rest = b""
         self._count = 0
         self._synchronised = self._begun = False
@@ -60,11 +55,11 @@ class StreamDecoder:
             if begin > at:
                 self._skip(buffer[at:begin])
                 at = begin
-            found = self._find(buffer, at)
+            found = self._framing.find(buffer, at)
             size = found if isinstance(found, int) else 0 if found is None else found.size
             if at + size > len(buffer):
                 break
-            if isinstance(found, Layout) and self._fits(frame := buffer[at : at + size]):
+            if isinstance(found, Layout) and self._framing.fits(frame := buffer[at : at + size]):
                 at += size
                 self._synchronised = self._begun = True
                 self.frames += 1
@@ -85,18 +80,6 @@ class StreamDecoder:
     def complaints(self, status: int) -> list[str]:
         """As `Adapter.complaints`."""
         return self.protocol.complaints(status)
-
-    def _fits(self, frame: bytes) -> bool:
-        if self._is_text:
-            body, _, told = frame[1:].partition(b"*")
-            made = reduce(xor, body) if len(told) == 2 else binascii.crc_hqx(body, 0)
-            try:
-                return int(told, 16) == made
-            except ValueError:
-                return False
-        tail = self.protocol.tail
-        body = frame[self.protocol.check_from : len(frame) - len(tail)]
-        return frame.endswith(tail) and CHECKS[self.protocol.check].left(body) == 0
 
     def _skip(self, between: bytes) -> None:
         """Bytes where no frame begins; lines of text between frames are answers to a command."""
@@ -142,14 +125,3 @@ class StreamDecoder:
         self.counter_size, self.counter_Hz, self.counts_itself = _OWN_COUNT, 0.0, True
         self._count += 1
         return self._count % self.counter_size
-
-
-def _expected(protocol: Protocol) -> tuple[Column, ...]:
-    """The rates, as the first frame that is declared with some has them."""
-    how = protocol.how
-    lists = [*how.get("blocks", {}).values(), *how.get("sentences", {}).values()]
-    lists += [texts for group in how.get("groups", {}).get("fields", ()) for texts in group]
-    lists += [texts for tag, texts in how.get("tags", {}).items() if tag != "sync"]
-    texts = next(texts for texts in lists if any(text.startswith("rate_") for text in texts))
-    columns = [one.column for one in fields_of(texts) if one.name.startswith("rate_")]
-    return tuple(column for column in columns if column is not None)

@@ -1,12 +1,10 @@
 """Sold gyros: golden frames, emulated ones written from other sources, harm, noise, and which of them speaks."""
 
-import contextlib
 import math
 import random
 import struct
 import threading
 import time
-from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
@@ -15,7 +13,7 @@ import numpy as np
 import pytest
 
 import hil
-from device_emulator.gyros import GYROS, Gyro, Motion, _ccitt, _Line, stim, stream
+from device_emulator.gyros import GYROS, Gyro, Motion, _ccitt, stim, stream
 from hil import cli
 from hil.errors import InputError
 from hil.records.capture import read_capture
@@ -26,8 +24,8 @@ from hil.sensors.recognition import recognised
 from hil.sensors.stream_decoder import StreamDecoder
 from hil.sensors.ticks import TickCounter
 from hil.wire.errors import LinkError
-from hil.wire.pty_link import open_pty
 from tests.sensors.golden_frames import BOSCH, CAN, SERIAL
+from tests.sensors.spoken import spoken
 
 ON_LINES = [name for name, gyro in GYROS.items() if gyro.baud]
 ON_CAN = [name for name, gyro in GYROS.items() if not gyro.baud]
@@ -125,7 +123,7 @@ def test_every_emulated_line_is_decoded_and_harm_is_counted(name: str) -> None:
 
 
 def test_every_datagram_of_a_stim_is_decoded() -> None:
-    motion = Motion(5, 0.0, (1.0, -2.0, 3.0), (0.5, -0.5, 1.0), 30.0)
+    motion = Motion(5, 0.01, (1.0, -2.0, 3.0), (0.5, -0.5, 1.0), 30.0)
     for identifier in (int(one, 16) for one in protocols()["stim300"].how["frames"]):
         made = decoder("stim300")
         (sample,) = made.feed(stim(motion, identifier))
@@ -157,7 +155,9 @@ def test_many_bytes_at_once_are_as_many_pieces(name: str, monkeypatch: pytest.Mo
     for piece in (500, len(whole)):
         made = decoder(name)
         tried: list[int] = []
-        monkeypatch.setattr(made, "_fits", lambda frame, fits=made._fits, tried=tried: tried.append(0) or fits(frame))
+        plain = made._framing
+        counting = plain._replace(fits=lambda frame, fits=plain.fits, tried=tried: tried.append(0) or fits(frame))
+        monkeypatch.setattr(made, "_framing", counting)
         samples = [one for at in range(0, len(whole), piece) for one in made.feed(whole[at : at + piece])]
         told[piece] = (samples, made.frames, made.crc_errors, made.skipped), len(tried) - made.frames
     assert told[500][0] == told[len(whole)][0]
@@ -187,30 +187,6 @@ def test_a_cycle_that_lacks_a_message_is_dropped() -> None:
     assert made is not None
     assert len(made.feed(sent)) == 95
     assert made.incomplete == 1  # type: ignore[attr-defined]
-
-
-@contextlib.contextmanager
-def spoken(gyro: Gyro, baud: int = 0, noise: bytes = b"") -> Iterator[str]:
-    """A line on which it speaks, or noise, or nothing."""
-    link, over = open_pty(), threading.Event()
-    line, sent = _Line(link, baud or gyro.baud), stream(gyro)
-    step = max(1, round(gyro.rate_Hz / 100))
-
-    def speak() -> None:
-        due = time.monotonic()
-        while not over.wait(max(due - time.monotonic(), 0)):
-            due += step / gyro.rate_Hz
-            pieces = [next(sent) for _ in range(step)]
-            line.send(noise or b"".join(one for piece in pieces for one in piece))  # type: ignore[misc]
-
-    thread = threading.Thread(target=speak)
-    if gyro.rate_Hz:
-        thread.start()
-    yield link.path
-    over.set()
-    if gyro.rate_Hz:
-        thread.join()
-    link.close()
 
 
 SILENT = Gyro(lambda _: b"", 0.0, 1)
