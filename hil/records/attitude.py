@@ -8,7 +8,6 @@ import numpy as np
 from pydantic import Field
 
 from hil.records import json_file
-from hil.records.blocks import read_blocks
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.stream import BlockWriter
 from hil.records.table import Table
@@ -35,6 +34,8 @@ def attitude_layout(*, rate_Hz: float, start_s: float) -> Layout:
 class AttitudeRecord(Table):
     """The record, read."""
 
+    KIND = "attitude"
+
     @property
     def quaternion(self) -> np.ndarray:
         """(n, 4), scalar first."""
@@ -57,10 +58,7 @@ def write_attitude(path: Path, layout: Layout, columns: np.ndarray) -> None:
     writer.close()
 
 
-def read_attitude(path: Path) -> AttitudeRecord:
-    """Read the record, whole or cut."""
-    blocks = read_blocks(path, "attitude")
-    return AttitudeRecord(blocks.columns, blocks.header, blocks.complete)
+read_attitude = AttitudeRecord.read
 
 
 class AxisOfBody(json_file.Strict):

@@ -11,14 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import IntFlag
 from functools import cached_property
-from pathlib import Path
 from typing import Any, Literal, Self, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import Columns, read_blocks
+from hil.records.blocks import Columns
 from hil.records.layout import BENCH, TICK, Column, Layout, block_rows_for
 from hil.records.table import Table
 from hil.records.units import unit_of
@@ -55,6 +54,8 @@ def missing(lost: int, gaps: int) -> str:
 @dataclass(frozen=True)
 class Capture(Table):
     """One record."""
+
+    KIND = "capture"
 
     @property
     def uniform(self) -> bool:
@@ -196,14 +197,14 @@ class Capture(Table):
                 np.multiply(self.columns[name], scales[name]["scale"], out=values[:, axis])
         return values
 
+    def _flaw(self) -> str:
+        sensed = any(name.startswith("vx_") or re.fullmatch("rate_.+_code", name) for name in self.columns)
+        if "tick" not in self.columns or not sensed:
+            return "a capture without tick or vx column; record or import it again"
+        return ""
 
-def read_capture(path: Path) -> Capture:
-    """Read a capture, whole or cut; see `read_blocks` for what is refused."""
-    blocks = read_blocks(path, "capture")
-    sensed = any(name.startswith("vx_") or re.fullmatch("rate_.+_code", name) for name in blocks.columns)
-    if "tick" not in blocks.columns or not sensed:
-        raise InputError(f"{path}: a capture without tick or vx column; record or import it again")
-    return Capture(blocks.columns, blocks.header, blocks.complete)
+
+read_capture = Capture.read
 
 
 def board_layout(

@@ -6,9 +6,7 @@ own clock, `tick` the board's when it answered.
 
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
-from hil.records.blocks import read_blocks
 from hil.records.clock_fit import ClockFit, ClockUnknownError, fit_clock
 from hil.records.layout import BOARD, HOST, TICK, Column, Layout
 from hil.records.table import Table
@@ -31,6 +29,8 @@ def clock_layout(*, tick_rate_Hz: float) -> Layout:
 class ClockRecord(Table):
     """The exchanges of a run, read; `tick` is the board's in each answer."""
 
+    KIND = "clock"
+
     @cached_property
     def fit(self) -> ClockFit | None:
         """The board's clock by the host's; None when `unknown` says why not."""
@@ -49,7 +49,4 @@ class ClockRecord(Table):
             return str(why)
 
 
-def read_clock(path: Path) -> ClockRecord:
-    """Read the exchanges, whole or cut."""
-    blocks = read_blocks(path, "clock")
-    return ClockRecord(blocks.columns, blocks.header, blocks.complete)
+read_clock = ClockRecord.read

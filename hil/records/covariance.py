@@ -6,14 +6,12 @@ With it and a truth the normalised estimation error squared of a run can be comp
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from pathlib import Path
 from typing import Self
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.errors import InputError
-from hil.records.blocks import pieces_of, read_blocks
+from hil.records.blocks import pieces_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.table import Table
 
@@ -54,6 +52,8 @@ def packed(covariance: Floats) -> list[float]:
 class Covariance(Table):
     """Covariance of a run, read; its rows are at ticks that the estimates have too."""
 
+    KIND = "covariance"
+
     def pieces(self) -> Iterator[Self]:
         """The record in parts that memory always has room for, one after another."""
         for _, columns in pieces_of(self.columns, _PIECE_ROWS):
@@ -80,15 +80,15 @@ class Covariance(Table):
         full[:, columns, rows] = values
         return full
 
+    def _flaw(self) -> str:
+        entries = list(self.header.get("entries", []))
+        wanted = ["tick", *(f"{entries[i]}*{entries[j]}" for i, j in zip(*_triangle(len(entries)), strict=True))]
+        if not entries or list(self.columns) != wanted:
+            return "its columns are not those of its entries; run or replay again"
+        return ""
 
-def read_covariance(path: Path) -> Covariance:
-    """Read a covariance file, whole or cut. Raises InputError when its columns are not those of its entries."""
-    blocks = read_blocks(path, "covariance")
-    entries = list(blocks.header.get("entries", []))
-    wanted = ["tick", *(f"{entries[i]}*{entries[j]}" for i, j in zip(*_triangle(len(entries)), strict=True))]
-    if not entries or list(blocks.columns) != wanted:
-        raise InputError(f"{path}: its columns are not those of its entries; run or replay again")
-    return Covariance(blocks.columns, blocks.header, blocks.complete)
+
+read_covariance = Covariance.read
 
 
 @cache

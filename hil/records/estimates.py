@@ -3,14 +3,11 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.errors import InputError
-from hil.records.blocks import read_blocks
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.table import Table, scored_from_s
 from hil.records.units import unit_of
@@ -72,6 +69,8 @@ def estimates_layout(
 class Estimates(Table):
     """Estimates of a run, read. Which states there are depends on the model: see `states`."""
 
+    KIND = "estimates"
+
     @property
     def ends_s(self) -> tuple[float, float]:
         """Bench time of the first row and of the last, of estimates that are not empty."""
@@ -109,14 +108,12 @@ class Estimates(Table):
         """Unit of a column."""
         return str(self.header["columns"][name]["unit"])
 
+    def _flaw(self) -> str:
+        states = self.header.get("states", [])
+        missing = [name for state in states for name in (state, f"sd_{state}") if name not in self.columns]
+        if missing or not states:
+            return f"lacks {', '.join(missing) or 'its list of states'}; run or replay again"
+        return ""
 
-def read_estimates(path: Path) -> Estimates:
-    """Read an estimates file, whole or cut. Raises InputError when its columns do not match its list of
-    states.
-    """
-    blocks = read_blocks(path, "estimates")
-    states = blocks.header.get("states", [])
-    missing = [name for state in states for name in (state, f"sd_{state}") if name not in blocks.columns]
-    if missing or not states:
-        raise InputError(f"{path}: lacks {', '.join(missing) or 'its list of states'}; run or replay again")
-    return Estimates(blocks.columns, blocks.header, blocks.complete)
+
+read_estimates = Estimates.read

@@ -3,12 +3,10 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import read_blocks
 from hil.records.layout import TICK, Column, Layout, block_rows_for
 from hil.records.quantiles import quantiles
 from hil.records.table import Table
@@ -36,6 +34,8 @@ def innovation_layout(*, tick_rate_Hz: float, axes: int, sense_unit: str = "V") 
 @dataclass(frozen=True)
 class Innovation(Table):
     """Innovation of a run, read."""
+
+    KIND = "innovation"
 
     @property
     def unit(self) -> str:
@@ -92,7 +92,4 @@ def stretches(innovation: Innovation, usual_V: npt.NDArray[np.float64]) -> Itera
             yield nu[rows]
 
 
-def read_innovation(path: Path) -> Innovation:
-    """Read an innovation file, whole or cut."""
-    blocks = read_blocks(path, "innovation")
-    return Innovation(blocks.columns, blocks.header, blocks.complete)
+read_innovation = Innovation.read

@@ -3,19 +3,19 @@
 from collections.abc import Callable
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hil.errors import InputError
-from hil.records.capture import Capture, read_capture
-from hil.records.clock import ClockRecord, read_clock
-from hil.records.covariance import Covariance, read_covariance
-from hil.records.estimates import Estimates, read_estimates
-from hil.records.innovation import Innovation, read_innovation
+from hil.records.capture import Capture
+from hil.records.clock import ClockRecord
+from hil.records.covariance import Covariance
+from hil.records.estimates import Estimates
+from hil.records.innovation import Innovation
 from hil.records.kind import TRACE, kind_of
 from hil.records.table import scored_from_s
 from hil.records.text_seal import require_unchanged
-from hil.records.timing import Timing, read_timing
-from hil.records.trims import TRIMS, Trims, read_trims
+from hil.records.timing import Timing
+from hil.records.trims import TRIMS, Trims
 from hil.wire.regular_file import require_regular
 
 if TYPE_CHECKING:
@@ -25,8 +25,61 @@ _Record = TypeVar("_Record")
 _LONGEST_S = 1e9
 
 
+class _File:
+    """The place of a file of a run folder."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, folder: "RunFolder", _: object) -> Path:
+        return folder.path / self._name
+
+
+class _Part(Generic[_Record]):
+    """A record of a run folder, read the first time it is asked for; None where it is not there."""
+
+    def __init__(self, name: str, read: Callable[[Path], _Record]) -> None:
+        self._name, self._read = name, read
+
+    def __set_name__(self, _: object, attribute: str) -> None:
+        self._attribute = attribute
+
+    def __get__(self, folder: "RunFolder", _: object) -> _Record | None:
+        path = folder.path / self._name
+        found = folder.__dict__[self._attribute] = self._read(path) if path.exists() else None
+        return found
+
+
 class RunFolder:
     """A run folder `<time>-<name>/`. Its parts are read when asked for; an absent part is None."""
+
+    bench_path = _File("bench.toml")
+    """The bench file as run."""
+    capture_path = _File("capture.arrow")
+    """Codes of every sample."""
+    estimates_path = _File("estimates.arrow")
+    """States and angle, decimated."""
+    innovation_path = _File("innovation.arrow")
+    """Innovation of every sample."""
+    timing_path = _File("timing.arrow")
+    """Wall times."""
+    clock_path = _File("clock.arrow")
+    """Exchanges of time with the board."""
+    reference_path = _File("reference.arrow")
+    """A commercial gyro that was recorded beside the run."""
+    result_path = _File("result.json")
+    """Figures of the run."""
+    report_path = _File("report.html")
+    """The page for people."""
+    capture = _Part("capture.arrow", Capture.read)
+    estimates = _Part("estimates.arrow", Estimates.read)
+    board_estimates = _Part("board_estimates.arrow", Estimates.read)  # what its own estimator said, in board mode
+    covariance = _Part("covariance.arrow", Covariance.read)  # whole, of the estimates, further decimated
+    innovation = _Part("innovation.arrow", Innovation.read)
+    timing = _Part("timing.arrow", Timing.read)
+    clock = _Part("clock.arrow", ClockRecord.read)
+    trims = _Part(TRIMS, Trims.read)
+    reference = _Part("reference.arrow", Capture.read)
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -42,66 +95,6 @@ class RunFolder:
                 raise InputError(f"{path}: no run folder but {kind}; {shown}")
             raise InputError(f"{path}: no run folder (no capture.arrow or estimates.arrow); give one made by hil run")
         return folder
-
-    @property
-    def bench_path(self) -> Path:
-        """The bench file as run."""
-        return self.path / "bench.toml"
-
-    @property
-    def capture_path(self) -> Path:
-        """Codes of every sample."""
-        return self.path / "capture.arrow"
-
-    @property
-    def estimates_path(self) -> Path:
-        """States and angle, decimated."""
-        return self.path / "estimates.arrow"
-
-    @property
-    def board_estimates_path(self) -> Path:
-        """What the board's own estimator said, in board mode."""
-        return self.path / "board_estimates.arrow"
-
-    @property
-    def covariance_path(self) -> Path:
-        """Whole covariance of the estimates, further decimated."""
-        return self.path / "covariance.arrow"
-
-    @property
-    def innovation_path(self) -> Path:
-        """Innovation of every sample."""
-        return self.path / "innovation.arrow"
-
-    @property
-    def timing_path(self) -> Path:
-        """Wall times."""
-        return self.path / "timing.arrow"
-
-    @property
-    def clock_path(self) -> Path:
-        """Exchanges of time with the board."""
-        return self.path / "clock.arrow"
-
-    @property
-    def trims_path(self) -> Path:
-        """Voltages of the trim outputs."""
-        return self.path / TRIMS
-
-    @property
-    def reference_path(self) -> Path:
-        """A commercial gyro that was recorded beside the run."""
-        return self.path / "reference.arrow"
-
-    @property
-    def result_path(self) -> Path:
-        """Figures of the run."""
-        return self.path / "result.json"
-
-    @property
-    def report_path(self) -> Path:
-        """The page for people."""
-        return self.path / "report.html"
 
     @cached_property
     def bench_text(self) -> str:
@@ -132,16 +125,6 @@ class RunFolder:
             raise InputError(f"{self.bench_path}: no bench file: [device] and [loop] are missing; restore it as run")
         return table
 
-    @cached_property
-    def capture(self) -> Capture | None:
-        """The capture, or None."""
-        return _read_if_there(self.capture_path, read_capture)
-
-    @cached_property
-    def estimates(self) -> Estimates | None:
-        """The estimates, or None."""
-        return _read_if_there(self.estimates_path, read_estimates)
-
     @property
     def cut(self) -> dict[str, str]:
         """Which of both were interrupted, by the name of the file: `Table.cut`."""
@@ -149,46 +132,11 @@ class RunFolder:
         return {name: record.cut for name, record in records.items() if record is not None and record.cut}
 
     @cached_property
-    def board_estimates(self) -> Estimates | None:
-        """What the board's own estimator said, or None."""
-        return _read_if_there(self.board_estimates_path, read_estimates)
-
-    @cached_property
-    def covariance(self) -> Covariance | None:
-        """The covariances, or None."""
-        return _read_if_there(self.covariance_path, read_covariance)
-
-    @cached_property
-    def innovation(self) -> Innovation | None:
-        """The innovation, or None."""
-        return _read_if_there(self.innovation_path, read_innovation)
-
-    @cached_property
-    def timing(self) -> Timing | None:
-        """The wall times, or None."""
-        return _read_if_there(self.timing_path, read_timing)
-
-    @cached_property
-    def clock(self) -> ClockRecord | None:
-        """The exchanges of time, or None."""
-        return _read_if_there(self.clock_path, read_clock)
-
-    @cached_property
-    def trims(self) -> Trims | None:
-        """The changes of the trim outputs, or None."""
-        return _read_if_there(self.trims_path, read_trims)
-
-    @property
-    def reference(self) -> Capture | None:
-        """The commercial gyro beside the run, or None."""
-        return _read_if_there(self.reference_path, read_capture)
-
-    @cached_property
     def result(self) -> "Result | None":
         """The figures written when the run ended or was scored, or None."""
         from hil.records.result import load_result  # its models take as long to build as all else to load
 
-        return _read_if_there(self.result_path, load_result)
+        return load_result(self.result_path) if self.result_path.exists() else None
 
     @cached_property
     def scored_from_s(self) -> float:
@@ -209,10 +157,6 @@ class RunFolder:
                 f"{self.bench_path}: [loop] settle_s: expected a number of seconds; restore the file as run"
             )
         return float(stated)
-
-
-def _read_if_there(path: Path, read: Callable[[Path], _Record]) -> _Record | None:
-    return read(path) if path.exists() else None
 
 
 def run_of(record: Path) -> Path:

@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Self
+from pathlib import Path
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, rows_of
+from hil.errors import InputError
+from hil.records.blocks import LAST_TICK, Columns, between, first_tick_since, part_of, pieces_of, read_blocks, rows_of
 
 
 def scored_from_s(first_s: float, settle_s: float, tick_rate_Hz: float) -> float:
@@ -36,9 +38,25 @@ class Table:
     Its columns are read when asked for: what is large is gone through in `pieces`.
     """
 
+    KIND: ClassVar[str]
+
     columns: Columns
     header: Mapping[str, Any]
     complete: bool
+
+    @classmethod
+    def read(cls, path: Path) -> Self:
+        """The file of its kind at `path`, whole or cut. Raises InputError as `read_blocks`, and where it lacks what
+        belongs there."""
+        blocks = read_blocks(path, cls.KIND)
+        table = cls(blocks.columns, blocks.header, blocks.complete)
+        if flaw := table._flaw():
+            raise InputError(f"{path}: {flaw}")
+        return table
+
+    def _flaw(self) -> str:
+        """What it lacks and what to do about it; "" where nothing is missing."""
+        return ""
 
     def __len__(self) -> int:
         return rows_of(self.columns)

@@ -10,13 +10,12 @@ that leaves the wire more: what has been sampled by then was sampled no later.
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import part_of, read_blocks
+from hil.records.blocks import part_of
 from hil.records.clock import ClockRecord
 from hil.records.layout import BENCH, HOST, TICK, Column, Layout, block_rows_for
 from hil.records.table import Table
@@ -53,6 +52,8 @@ def ledger_layout(*, tick_rate_Hz: float, block: int, deadline_us: float | None 
 @dataclass(frozen=True)
 class Timing(Table):
     """Wall times of a run, read."""
+
+    KIND = "timing"
 
     def spread(self, rows: int, stretches: int) -> "Timing":
         """So many rows at most, in stretches spread over the record; all of them where there are no more."""
@@ -156,7 +157,4 @@ def ticks_on_clock(
     return lambda ticks: received_ns[0] + height + (ticks - tick[0]) * (nominal + skew)
 
 
-def read_timing(path: Path) -> Timing:
-    """Read a timing file, whole or cut."""
-    blocks = read_blocks(path, "timing")
-    return Timing(blocks.columns, blocks.header, blocks.complete)
+read_timing = Timing.read

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.blocks import read_blocks
 from hil.records.layout import BENCH, TICK, Column, Layout
 from hil.records.table import Table
 
@@ -30,6 +29,8 @@ def trims_layout(outputs: Sequence[Mapping[str, Any]], *, tick_rate_Hz: float) -
 class Trims(Table):
     """The changes of a run, read."""
 
+    KIND = "trims"
+
     @property
     def outputs(self) -> list[dict[str, Any]]:
         """What stands in the header of each."""
@@ -47,7 +48,4 @@ def trims_beside(capture: Path) -> Trims | None:
     return read_trims(path) if path.exists() else None
 
 
-def read_trims(path: Path) -> Trims:
-    """Read the changes, whole or cut."""
-    blocks = read_blocks(path, "trims")
-    return Trims(blocks.columns, blocks.header, blocks.complete)
+read_trims = Trims.read

@@ -9,7 +9,6 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.blocks import read_blocks
 from hil.records.estimates import Estimates
 from hil.records.table import Table
 
@@ -22,6 +21,8 @@ _REQUIRED = ("tick", "x_m", "vx_mps", "phi_x_V", "rate_rad_s", "angle_rad")
 @dataclass(frozen=True)
 class Truth(Table):
     """True state at sampling instants: columns (n,) named as in the estimates, and `angle_rad` = ∫Ω dt."""
+
+    KIND = "truth"
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
         return self.columns[name]
@@ -87,12 +88,10 @@ class Truth(Table):
         _, theirs, ours = np.intersect1d(tick, self.tick, assume_unique=True, return_indices=True)
         return theirs, ours
 
+    def _flaw(self) -> str:
+        missing = [name for name in _REQUIRED if name not in self.columns]
+        missing += [key for key in ("stiffness_per_s2", "damping_per_s", "sample_rate_Hz") if key not in self.header]
+        return f"a truth file without {', '.join(missing)}; have the emulator write it again" if missing else ""
 
-def read_truth(path: Path) -> Truth:
-    """Read a truth file. Raises InputError when it is not one, or lacks a column."""
-    blocks = read_blocks(path, "truth")
-    missing = [name for name in _REQUIRED if name not in blocks.columns]
-    missing += [key for key in ("stiffness_per_s2", "damping_per_s", "sample_rate_Hz") if key not in blocks.header]
-    if missing:
-        raise InputError(f"{path}: a truth file without {', '.join(missing)}; have the emulator write it again")
-    return Truth(blocks.columns, blocks.header, blocks.complete)
+
+read_truth = Truth.read
