@@ -16,7 +16,7 @@ from estimator.record import Record
 from estimator.residual import spectrum, whiteness
 from estimator.residual.analysis import analyse
 from estimator.settings import Device, ObserverSettings, Spread
-from estimator.trace import examination, fitness
+from estimator.trace import examination
 from estimator.trace.problem import Problem
 
 RATE, HZ = 4000.0, 200.0
@@ -64,15 +64,6 @@ def test_a_problem_on_another_record_is_the_same_but_for_that() -> None:
 )
 def test_a_verdict_is_open_where_something_is_left(verdict: Verdict, *, is_open: bool) -> None:
     assert verdict.is_open is is_open
-
-
-@pytest.mark.parametrize(("share", "seen"), [(0.02, False), (0.9, True)])
-def test_the_strongest_line_is_one_that_holds_much_of_the_power(share: float, *, seen: bool) -> None:
-    n = 8192
-    wave = np.sin(2.0 * np.pi * 500.0 * np.arange(n) / RATE)
-    noise = np.random.default_rng(2).standard_normal(n)
-    series = np.sqrt(2.0 * share) * wave + np.sqrt(1.0 - share) * noise
-    assert fitness._strongest(series[:, None], RATE) == pytest.approx(500.0 if seen else 0.0, abs=RATE / n)
 
 
 # -- likelihoods -----------------------------------------------------------------------------------------------------

@@ -111,6 +111,16 @@ def test_a_line_is_found_where_it_is_and_as_large_as_it_is(axes: int, frequency:
 
 
 @pytest.mark.moderate
+def test_an_innovation_above_its_floor_is_told_with_what_is_above() -> None:
+    """A line of as much power as the noise: √2 times the floor, and an excess of the noise's own size."""
+    series = white(20000, 1, 4)
+    series[:, 0] += math.sqrt(2.0) * NOISE * np.sin(2 * np.pi * 731.37 * np.arange(20000) / RATE)
+    (level,) = only(findings(series), "level")
+    assert level.text.startswith("the innovation is 1.4")
+    assert level.size == pytest.approx(NOISE, rel=0.1)
+
+
+@pytest.mark.moderate
 def test_harmonics_and_their_sidebands_are_told_by_their_order() -> None:
     t = np.arange(20000) / RATE
     series = white(20000, 2, 5)
@@ -198,6 +208,3 @@ def test_what_follows_a_gap_is_not_held_against_the_model() -> None:
     deviation[5000:5020] *= 100.0
     _, found = analyse(series, deviation, record_of(series, 16), RESONANCE)
     assert [finding.kind for finding in found if finding.kind != "level"] == []
-
-
-# -- phase -----------------------------------------------------------------------------------------------------------

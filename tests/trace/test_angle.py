@@ -58,42 +58,6 @@ def test_the_angles_bound_is_that_of_coefficients_of_any_size_and_of_none(monkey
     assert bound == pytest.approx(norm.ppf(0.975) * np.sqrt(6.0), rel=1e-9)
 
 
-def test_the_bound_shifts_the_effect_s_coefficients_alone(monkeypatch):
-    effects = {"drive_saturation": {"sx": 1.0, "sy": 1.0, "limit": 3.0}, "sense_gain": {"gy": 0.1}}
-    seen = []
-
-    def read(self, given):
-        seen.append(given)
-        return np.zeros(3)
-
-    monkeypatch.setattr(AngleReader, "angle", read)
-    AngleReader(problem()).bound(effects, "drive_saturation", np.diag([1e-4, 4e-4]))
-    assert len(seen) == 3
-    assert all(given["sense_gain"] == {"gy": 0.1} and given["drive_saturation"]["limit"] == 3.0 for given in seen)
-    assert effects["drive_saturation"] == {"sx": 1.0, "sy": 1.0, "limit": 3.0}
-
-
-def test_the_start_of_the_record_is_not_read(monkeypatch):
-    """And coefficients stay as given; a reader is the same whatever it has read, which it reads once."""
-    held, read = [], []
-    observer = SimpleNamespace(hold_coefficients=lambda: held.append(None))
-    monkeypatch.setattr(angle, "Observer", lambda *args: observer)
-
-    def run(observer, record):
-        read.append(len(held))
-        return SimpleNamespace(angle=np.arange(float(len(record))))
-
-    monkeypatch.setattr(angle, "run", run)
-    asked = problem()
-    reader = AngleReader(asked)
-    settled = 3.0 * min(ObserverSettings().memory, 1.0) * DEVICE.sample_rate
-    np.testing.assert_array_equal(reader.angle({}), np.arange(float(N - min(int(settled), N // 4))))
-    assert reader.angle({}) is reader.angle({})
-    assert read == [1]
-    assert reader == AngleReader(asked)
-    assert "_known" not in repr(reader)
-
-
 @pytest.mark.parametrize("scored_from", [None, 0.0, 0.1, 10.0])
 def test_an_angle_moves_from_where_it_is_reported_to_the_end_of_the_record(monkeypatch, scored_from):
     """Two angles 5 rad apart at first, and by 1 mrad more a sample after half of the record: zero is where they are
@@ -124,55 +88,6 @@ def test_an_angle_that_an_examination_read_is_the_one_that_would_be_read():
     assert len(reader._known) == 2
     for effects in ({}, asked.effects):
         np.testing.assert_array_equal(reader.angle(effects), fresh.angle(effects))
-
-
-def test_another_observer_or_record_tells_nothing_of_the_angle():
-    asked = problem()
-    others = asked.under(replace(asked.settings, initial={"kxx": 1.01 * DEVICE.target})), problem()
-    assert not AngleReader.of(asked, map(examined, others))._known
-
-
-def test_what_is_shifted_is_shifted_as_asked():
-    effects = {"drive_saturation": {"sx": 1.0, "sy": 2.0, "limit": 3.0}, "drag": {"dqx": 5.0}}
-    shifted = angle._shifted(effects, "drive_saturation", np.array([0.25, -0.5]))
-    assert shifted == {"drive_saturation": {"sx": 1.25, "sy": 1.5, "limit": 3.0}, "drag": {"dqx": 5.0}}
-
-
-def test_an_examination_scores_the_part_held_out_by_itself(monkeypatch):
-    """No sample of the fitted part is in what is said of the rest, nor the other way round; the start is in neither."""
-    asked = problem()
-    n = np.arange(float(N))
-    fields = dict.fromkeys(("angle", "angle_pattern", "angle_plain", "angle_rate_integral", "energy_ratio"), n)
-    fields |= {"quadrature_ratio": n, "innovation": np.stack([n, n], 1), "innovation_deviation": np.ones((N, 2))}
-    state = np.zeros((N, 1))
-    estimates = SimpleNamespace(**fields, index=np.arange(N), state=state, deviation=state, names=())
-    parts = []
-
-    def analyse(innovation, deviation, record, resonance):
-        assert resonance == pytest.approx(np.sqrt(DEVICE.target) / (2.0 * np.pi))  # Hz
-        parts.append((innovation[:, 0], record.sense))
-        return SimpleNamespace(simulation_rmse=None), ()
-
-    held, strides = [], []
-    observer = SimpleNamespace(hold_coefficients=lambda: held.append(None))
-    monkeypatch.setattr(examination, "Observer", lambda *args: observer)
-    monkeypatch.setattr(examination, "run", lambda observer, record, every: strides.append(every) or estimates)
-    monkeypatch.setattr(examination, "analyse", analyse)
-    monkeypatch.setattr(examination, "STATES", N)
-    free = np.where(n[:, None] < SPLIT, 3.0, 4.0) * np.ones((1, 2))
-    monkeypatch.setattr(examination, "free_run_error", lambda problem, split: free)
-    monkeypatch.setattr(examination, "replace", lambda what, **changes: SimpleNamespace(**{**vars(what), **changes}))
-    found = examination.examine(asked, SPLIT)
-    (fitting_part, fitted_sense), (held_out, rest) = parts
-    np.testing.assert_array_equal(held_out, n[SPLIT:])
-    np.testing.assert_array_equal(rest, asked.record.sense[SPLIT:])
-    settled = min(int(3.0 * min(ObserverSettings().memory, 1.0) * DEVICE.sample_rate), SPLIT // 4)
-    np.testing.assert_array_equal(fitting_part, n[settled:SPLIT])
-    np.testing.assert_array_equal(fitted_sense, asked.record.sense[settled:SPLIT])
-    assert (found.fitted.simulation_rmse, found.held_out.simulation_rmse) == (3.0, 4.0)
-    assert (held, strides) == ([None], [1])  # coefficients stay as given; so many states are all kept
-    assert found.estimates is estimates
-    assert found.settled == slice(settled, SPLIT)
 
 
 def test_errors_of_rate_and_angle_are_those_beside_the_reference():

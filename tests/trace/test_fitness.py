@@ -55,6 +55,10 @@ def test_coarse_codes_are_not_clipping() -> None:
     [
         (ride(seconds=0.3), r"too short: .* record 1\.3 s or longer"),
         (ride(seconds=0.01, driven=False), r"too short: .* record 0\.095 s or longer"),
+        (
+            ride(seconds=0.045, rate=20_000.0, driven=False),
+            r"too short: .* 360 samples, 3\.6 cycles of the resonance; record",
+        ),
         (ride(volts=1e-5), r"nothing moves: .* record with the drive on"),
         (ride(rate=700.0), r"3\.5 samples a cycle of 200 Hz, the declared resonance; record at 800 Hz or faster"),
         (
@@ -82,9 +86,14 @@ def test_a_clipped_record_is_refused(side: float) -> None:
 def test_a_record_with_more_holes_than_samples_is_refused() -> None:
     record = ride()
     sense = record.sense.copy()
-    sense[: 2 * len(sense) // 3] = np.nan
+    sense[: 2 * len(sense) // 3, 1] = np.nan  # one channel lost is a sample lost
     with pytest.raises(ModelError, match="67% of the samples are lost"):
         check(Record(sense, record.drive, record.step))
+
+
+def test_a_record_of_which_nothing_is_held_out_is_refused() -> None:
+    with pytest.raises(ModelError, match=r"held out has 0 samples, .*; hold less of it out"):
+        check(ride(), fraction=1.0)
 
 
 def test_the_advised_length_is_enough() -> None:

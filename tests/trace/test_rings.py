@@ -15,7 +15,6 @@ from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed, Spread
-from estimator.thresholds import THRESHOLDS
 from estimator.trace.pool import Member, Pool
 from estimator.trace.pool_trace import trace_pool
 from estimator.trace.problem import Problem
@@ -71,71 +70,6 @@ def test_a_level_that_stays_moves_nothing() -> None:
     assert omega == pytest.approx(WM, rel=0.02)
     ((same, as_fast), *_) = rings([clear(line, level=30.0)], RATE, ITSELF)
     assert (same, as_fast) == (pytest.approx(omega, rel=1e-9), pytest.approx(decay, rel=1e-6))
-
-
-@pytest.mark.parametrize(("order", "told"), [(0.05, False), (0.15, True), (0.95, False), (0.85, True), (1.85, True)])
-def test_a_line_is_another_mode_from_a_tenth_of_the_resonance_beside_it(order: float, told: bool) -> None:
-    found = rings([clear((1.0, order * ITSELF, 0.2, 0.3))], RATE, ITSELF)
-    assert any(omega == pytest.approx(order * ITSELF, abs=0.02 * ITSELF) for omega, _ in found) is told
-
-
-@pytest.mark.parametrize(("apart", "both"), [(0.07, False), (0.2, True)])
-def test_two_lines_are_two_from_a_tenth_of_the_resonance_apart(apart: float, both: bool) -> None:
-    """Of a resonance with 96 cycles in the record, which shows lines a 25th of it apart."""
-    itself = 4.0 * ITSELF
-    lines = (1.0, 1.5 * itself, 0.1, 0.3), (0.9, (1.5 + apart) * itself, 0.1, 1.0)
-    found = rings([clear(*lines)], RATE, itself)
-    assert any(omega == pytest.approx(lines[1][1], abs=0.01 * itself) for omega, _ in found) is both
-
-
-def test_the_decay_of_a_line_is_read_beside_its_top(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """A decay that no resonance tells, within the longest residual; the mean, which was taken off, tells nothing."""
-    asked: list[tuple[Array, list[Array]]] = []
-    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: asked.append((omega, seen)))
-    line = (1.0, 0.2 * ITSELF, DM, 0.3)  # in its first 40 samples less than a cycle
-    ((top, decay), *_) = rings([clear(line, samples=40), clear(line, samples=30)], RATE, ITSELF)
-    assert decay == 2.0 / (40 / RATE)
-    bin_width = 2.0 * math.pi * RATE / (8 * 40)
-    (omega, seen), *_ = asked
-    assert omega[0] == pytest.approx(bin_width)
-    assert omega[-1] == pytest.approx(top + 8 * bin_width)
-    assert [len(one) for one in seen] == [len(omega)] * 2
-
-
-def test_a_top_counts_as_many_bins_on_either_side(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    asked: list[Array] = []
-    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: asked.append(omega))
-    ((top, _), *_) = rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)
-    omega, *_ = asked
-    assert len(omega) == 17
-    assert omega[8] == top
-
-
-def test_a_decay_is_that_of_the_power(monkeypatch: pytest.MonkeyPatch) -> None:
-    """2ζω, of a mode with the ζ and ω that are read."""
-    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: (300.0, 0.01))
-    assert rings([clear((1.0, WM, DM, 0.3))], RATE, ITSELF)[0] == (300.0, pytest.approx(6.0))
-
-
-@pytest.mark.parametrize(("order", "told"), [(0.1171875, False), (0.125, True), (1.1171875, False), (1.125, True)])
-def test_at_that_distance_itself_it_is_another(monkeypatch: pytest.MonkeyPatch, order: float, told: bool) -> None:
-    """Of an eighth, which a spectrum with 128 bins to the resonance hits."""
-    monkeypatch.setattr("estimator.trace.start_values._SET", replace(THRESHOLDS.candidates, strongest=99))
-    monkeypatch.setattr("estimator.trace.start_values.resonance", lambda omega, seen: (float(omega[8]), 0.1))
-    itself, samples = 64.0, 128  # bins of half a hertz
-    beside = np.zeros(8 * samples // 2 + 1)
-    beside[round(order * itself * 2.0)] = 1.0
-    monkeypatch.setattr("estimator.trace.start_values._peaks", lambda power: np.flatnonzero(beside).tolist())
-    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
-    assert bool(found) is told
-    beside[[192, 192 + 16 - 1, 192 + 16]] = 1.0  # one and a half, an eighth of the resonance on, and less
-    found = rings([np.ones((samples, 1))], 512.0, 2.0 * np.pi * itself)
-    assert {2.0 * np.pi * 0.5 * 192, 2.0 * np.pi * 0.5 * 208} <= {omega for omega, _ in found}
-    assert 2.0 * np.pi * 0.5 * 207 not in {omega for omega, _ in found}
 
 
 def device(sensed: Sensed = Sensed.VELOCITY) -> Device:

@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from estimator.effects.declaration import Signal, Source
-from estimator.model.formula import symbols
 from estimator.trace import score_test as room
-from estimator.trace.fit import at
-from estimator.trace.likelihood import Model
 from estimator.trace.score_test import Score, score_test
 from tests.trace.linear import Linear, effect, fitted, made
 from tests.trace.plain import Array
@@ -138,19 +134,3 @@ def test_an_effect_without_a_signature_gains_nothing() -> None:
     of = made({"silent": np.zeros((N, 1))}, {})
     found = score_test(of, fitted(of), {"silent": {}})[0]
     assert (found.gain, *found.size) == (0.0, 0.0)
-
-
-def test_effects_are_shared_out_by_their_signals_too(monkeypatch: pytest.MonkeyPatch) -> None:
-    of = made({f"e{k}": np.random.default_rng(k).standard_normal((N, 1)) for k in range(8)}, {"e0": [0.5]})
-    both = tuple(Signal(symbol, Source.TIME) for symbol in symbols("sa sb"))
-    of = replace(of, declared={name: replace(one, signals=both) for name, one in of.declared.items()})
-    monkeypatch.setattr(room, "MAX_SIGNALS", 2 * 4)
-    seen: list[int] = []
-    evaluate = Linear.evaluate
-    monkeypatch.setattr(
-        Linear, "evaluate", lambda *a, **k: seen.append(len(k.get("tested") or {})) or evaluate(*a, **k)
-    )
-    model = at(of, of.layout({}), Model({}, np.zeros(2), of.declared_noise()))
-    seen.clear()
-    score_test(of, model, {key: {} for key in of.columns})
-    assert seen == [2] * 4

@@ -11,14 +11,12 @@ from scipy.stats import norm
 from estimator.settings import ControllerSettings
 from estimator.trace import separations as room
 from estimator.trace.ambiguity import TIE, Member
-from estimator.trace.experiments import EXPERIMENTS
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, at
 from estimator.trace.likelihood import Model
 from estimator.trace.separations import Advice, Shown, separations
 from tests.trace.plain import problem, records
 
-BY_NAME = {experiment.name: experiment for experiment in EXPERIMENTS}
 CONTROLLER = ControllerSettings(latency=3, force_quantum=1e-3, force_limit=10.0, sense_quantum=1e-5)
 
 
@@ -32,12 +30,6 @@ def test_how_long_it_takes_is_by_what_the_two_differ_in_it() -> None:
     assert room._takes(shown, np.eye(2), 3.0, 100.0) == pytest.approx(12.0, rel=1e-3)
 
 
-@pytest.mark.parametrize(("longer", "separates"), [(101.0, False), (99.0, True)])
-def test_what_takes_a_hundred_times_the_record_is_not_advised(longer: float, separates: bool) -> None:
-    shown = Shown(1.0, needed() / longer, np.zeros((1, 1)))
-    assert (room._takes(shown, np.eye(1), 1.0, 100.0) < np.inf) is separates
-
-
 @pytest.mark.parametrize(("unsure", "times"), [(1.5, 2.0), (2.7, 10.0), (3.1, 100.0), (6.0, 100.0)])
 def test_what_a_coefficient_s_scatter_explains_counts_for_nothing(unsure: float, times: float) -> None:
     """Of 3, so much; where it may be all, it takes as long as any."""
@@ -45,33 +37,6 @@ def test_what_a_coefficient_s_scatter_explains_counts_for_nothing(unsure: float,
     covariance = unsure / 4.0 * np.array([[1.0, 0.5], [0.5, 1.25]])
     assert np.trace(shown.form @ covariance) == pytest.approx(unsure)
     assert room._takes(shown, covariance, 3.0 / needed(), 100.0) == pytest.approx(times, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("longer", "by", "told"),
-    [(1.9, "together", "dither"), (2.1, "together", "together"), (1.9, "rate", "dither"), (2.1, "rate", "rate"),
-     (3.9, "all", "dither"), (4.1, "all", "all"), (0.5, "dither", "dither")],
-)  # fmt: skip
-def test_the_shorter_experiment_is_advised(longer: float, by: str, told: str) -> None:
-    able = [Advice(BY_NAME["dither"], 0.9, longer, ""), Advice(BY_NAME[by], 0.9, 1.0, "")]
-    assert room._simplest(able, 1.0).experiment == BY_NAME[told]
-    assert room._simplest([], 1.0) == Advice()
-
-
-@pytest.mark.parametrize(
-    ("constants", "holds"),
-    [
-        ({"kxx": 4.0, "kyy": 9.0, "kxy": 5.9}, True),
-        ({"kxx": 4.0, "kyy": 9.0, "kxy": 6.0}, False),  # along one direction nothing holds it
-        ({"kxx": 4.0, "kyy": 9.0, "kxy": -6.1}, False),
-        ({"kxx": -4.0, "kyy": -9.0, "kxy": 0.0}, False),
-        ({"kxx": 0.0, "kyy": 9.0, "kxy": 0.0}, False),
-        ({"rate": 5.0}, True),  # beside the declared springs
-    ],
-)
-def test_springs_hold_in_every_direction_or_the_declared_is_played(constants: dict[str, float], holds: bool) -> None:
-    sense, drive = records(1, 60)
-    assert room._oscillating(constants, problem(sense[0], drive[0]).device) == (constants if holds else {})
 
 
 def fitted_with(of: Filtered, name: str, size: float) -> FittedModel:

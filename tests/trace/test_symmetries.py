@@ -13,7 +13,6 @@ from scipy.integrate import solve_ivp
 from estimator.diagnosis import Interval
 from estimator.effects.catalogue import EFFECTS, effect_for
 from estimator.model import gyro
-from estimator.trace import symmetries
 from estimator.trace.symmetries import Constants, equivalents
 from tests.trace.equations import CORIOLIS, System, retimed, reversed_in_time, system_of, system_with
 
@@ -410,41 +409,6 @@ def between(low: float, value: float, high: float) -> Interval:
     return Interval(value, low, high, "1")
 
 
-@pytest.mark.parametrize(
-    ("found", "expected", "shows"),
-    [
-        (between(0.5, 1.0, 1.5), 0.5, True),
-        (between(0.5, 1.0, 1.5), 1.5, True),
-        (between(0.5, 1.0, 1.5), 1.51, False),
-        (between(0.5, 1.0, 1.5), 0.49, False),
-        (between(9.9, 10.0, 10.1), 9.0, True),  # a tenth off: a second, smaller cause may be there
-        (between(9.9, 10.0, 10.1), 8.99, False),
-        (between(-10.1, -10.0, -9.9), 10.0, False),
-    ],
-)
-def test_a_coefficient_may_be_what_is_in_its_interval_or_a_tenth_off(
-    found: Interval, expected: float, *, shows: bool
-) -> None:
-    assert symmetries._shows(found, expected) is shows
-
-
-@pytest.mark.parametrize(
-    ("one", "beside", "nothing"),
-    [
-        (between(0.0, 1.0, 2.0), between(1.0, 2.0, 3.0), True),
-        (between(-2.0, -1.0, 0.0), between(-3.0, -2.0, -1.0), True),
-        (between(0.5, 1.0, 1.5), between(9.0, 10.0, 11.0), True),  # a tenth of it
-        (between(0.5, 1.1, 1.5), between(9.0, 10.0, 11.0), False),
-        (between(-1.0, 0.1, 1.0), between(0.0, 2.0, 3.0), False),  # the other may be nothing, too
-        (between(-1.0, 0.1, 1.0), between(-3.0, -2.0, 0.0), False),
-    ],
-)
-def test_of_two_effects_one_that_may_be_zero_counts_as_nothing(
-    one: Interval, beside: Interval, *, nothing: bool
-) -> None:
-    assert symmetries._nothing(one, beside) is nothing
-
-
 @pytest.mark.parametrize(("gain", "others"), [(-0.2, 3), (0.25, 3), (-1.0, 0), (-1.5, 0)])
 def test_a_common_drive_gain_is_a_scale_as_long_as_it_drives_the_same_way(gain: float, others: int) -> None:
     """With g = 1 + h: of time by √g, of the mass by 1/g, of what is sensed by g."""
@@ -479,9 +443,3 @@ def test_a_large_drive_gain_equals_a_sense_gain_with_a_coupling(axis: int) -> No
     scale[axis] = gain
     np.testing.assert_allclose(other.system.sense, np.diag(scale))
     assert "sense_gain" not in {one.other for one in equivalents(named, CONSTANTS, between(-kn, -0.8 * kn, -0.7 * kn))}
-
-
-@pytest.mark.parametrize(("gain", "axes"), [(-0.5, [(1, 0.5)]), (0.2, [(1, 1.2)]), (-1.0, []), (-1.5, [])])
-def test_a_dead_or_reversed_drive_is_no_gain_of_one_axis(gain: float, axes: list[tuple[int, float]]) -> None:
-    drive = {"hx": Interval(0.0, -0.01, 0.01, "1"), "hy": Interval(gain, gain - 0.01, gain + 0.01, "1")}
-    assert list(symmetries._of_one_axis(drive)) == axes
