@@ -26,16 +26,20 @@ _AS_GIVEN = inspect.signature(subprocess.Popen._execute_child)  # type: ignore[a
 _MAINS: dict[str, tuple[str, Callable[[Any, list[str]], int]]] = {
     "device_emulator": ("device_emulator.__main__", lambda emulator, arguments: emulator.main(arguments)),
     "hil": ("hil.service.serve", lambda _, arguments: _command(arguments)),
+    "hil.running.recorder": ("hil.running.recorder", lambda recorder, _: recorder.serve() or 0),
     "hil.report.artist": ("matplotlib.backends.backend_svg", lambda *_: _artist()),
     "hil.running.worker": ("hil.running.worker", lambda worker, _: worker.main()),
+    "hil.service.board.keeper": ("hil.service.board.keeper", lambda keeper, arguments: _keeper(keeper, arguments)),
     "hil.service.board.link_process": ("hil.service.board.link_process", lambda process, _: process.main()),
+    "hil.sweeping.child": ("hil.sweeping.one_run", lambda *_: _task()),
     "hil.service.jobs.child": ("hil.service.jobs.work", lambda _, arguments: _job(arguments)),
 }
 """Of a module as `python -m` takes it: what is loaded before the fork, and what is done in it."""
 
 _STARTERS = (
-    "hil.boards.emulation", "hil.report.artist", "hil.running.worker_process", "hil.service.board.link_process",
-    "hil.service.jobs.jobs",
+    "hil.boards.emulation", "hil.cli.run_live", "hil.report.artist", "hil.running.recorder",
+    "hil.running.worker_process", "hil.service.board.line", "hil.service.board.link_process", "hil.service.jobs.jobs",
+    "hil.sweeping.process",
 )  # fmt: skip
 
 
@@ -44,13 +48,18 @@ def forking() -> Iterator[None]:
     """What has been loaded of those that start processes forks them, for the length of the block."""
     loaded = [module for name in _STARTERS if (module := sys.modules.get(name)) is not None]
     before = [module.subprocess for module in loaded]
-    for module in loaded:
-        module.subprocess = _FORKING  # type: ignore[attr-defined]
+    _fork_from_here()
     try:
         yield
     finally:
         for module, real in zip(loaded, before, strict=True):
             module.subprocess = real  # type: ignore[attr-defined]
+
+
+def _fork_from_here() -> None:
+    for name in _STARTERS:
+        if (module := sys.modules.get(name)) is not None:
+            module.subprocess = _FORKING  # type: ignore[attr-defined]
 
 
 class Forked(subprocess.Popen[Any]):
@@ -109,6 +118,9 @@ def hil_says(*arguments: str, **given: Any) -> "subprocess.CompletedProcess[str]
 def _command(arguments: list[str]) -> int:
     from hil import cli
 
+    if "--live" in arguments:
+        importlib.import_module("hil.cli.run_live")
+        _fork_from_here()
     sys.argv[1:] = arguments
     cli.main()
     raise AssertionError("hil has not left")
@@ -119,6 +131,18 @@ def _artist() -> int:
 
     artist.main()
     return 0
+
+
+def _keeper(keeper: Any, arguments: list[str]) -> int:
+    sys.argv[1:] = arguments
+    keeper.main()
+    return 0
+
+
+def _task() -> int:
+    from hil.sweeping import child
+
+    return child.main()
 
 
 def _job(arguments: list[str]) -> int:
@@ -142,6 +166,7 @@ def _run(main: Callable[[], int], given: list[int], kept: tuple[int, ...]) -> No
                 os.set_inheritable(descriptor, True)
             elif descriptor > 2:
                 os.dup2(nowhere, descriptor)
+        _fork_from_here()  # what was loaded for it alone as well
         signal.set_wakeup_fd(-1)  # of an event loop that has stayed behind
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGTERM, signal.SIG_DFL)

@@ -1,8 +1,6 @@
 """Each option of a verb reaches every caller: it is declared once, and each makes its own of it."""
 
 import inspect
-import subprocess
-import sys
 import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -33,6 +31,7 @@ from hil.testing.board import BoardUnderTest
 from hil.testing.record import RecordUnderTest
 from hil.testing.sensor import SensorUnderTest
 from hil.tracing.options import TraceOptions
+from tests.forked import hil_says
 from tests.running import gyro
 from tests.service.serving import serving
 from tests.test_pytest_plugin import PLUGIN
@@ -216,8 +215,7 @@ def newest(runs: Path) -> Path:
 
 def on_the_command_line(at: Place, kind: str, *more: str) -> Made:
     options = [*FLAGS, "--truth", str(at.truth), "--replace", "--out", str(at.runs), "--json", *more]
-    command = [sys.executable, "-m", "hil", "run", str(at.bench), "--link", f"{kind}:{at.scenario}", *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = hil_says("run", str(at.bench), "--link", f"{kind}:{at.scenario}", *options)
     assert done.returncode in (0, 1), done.stderr
     return Made(newest(at.runs), at.truth)
 
@@ -314,8 +312,7 @@ def test_the_wire_log_reaches_the_loop(place: Callable[[str], Place], *, live: b
     """What it is refused with beside a link without frames comes from where the loop would begin to write it."""
     at = place(f"wire log {live}")
     options = ["--wire-log", str(at.runs.parent / "bus.log"), "--out", str(at.runs), *(["--live"] if live else [])]
-    command = [sys.executable, "-m", "hil", "run", str(at.bench), "--link", f"pty:{at.scenario}", *options]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = hil_says("run", str(at.bench), "--link", f"pty:{at.scenario}", *options)
     logs = "".join(log.read_text() for log in at.runs.glob(".service/board.log"))
     assert done.returncode == 2, f"{done.stderr}\n{logs}"
     assert "has no CAN frames to log; use a link can:…" in done.stderr, f"{done.stderr}\n{logs}"
@@ -348,8 +345,7 @@ def recorded(place: Callable[[str], Place]) -> Place:
 @pytest.mark.parametrize("option", REFUSED)
 def test_an_option_of_a_trace_reaches_it_from_terminal_and_library(recorded: Place, option: str) -> None:
     given, flags, says = REFUSED[option]
-    command = [sys.executable, "-m", "hil", "trace", str(newest(recorded.runs)), "--out", str(recorded.runs), *flags]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    done = hil_says("trace", str(newest(recorded.runs)), "--out", str(recorded.runs), *flags)
     assert done.returncode == 2
     assert says in done.stderr
     with pytest.raises(hil.InputError, match=says):
