@@ -11,18 +11,17 @@
 
 /* One sample: predict with the drive that acted, note how it turned the pattern, correct with what was measured, fill
    the output row. */
-static inline void advance_filter(const Settings *settings, const whole *active, whole count,
-                                  const Constants *constants, const Table *table, Estimate *estimate,
-                                  const Sample *sample, Workspace *work, Output *row)
+static inline void advance_filter(const Observer *observer, const Sample *sample, Workspace *work, Output *row)
 {
-    Memory *memory = estimate->memory;
-    real *x = estimate->x, h = sample->h;
-    predict(settings, active, count, constants->intensity, estimate, sample->u, sample->terms, h, work);
+    const Settings *settings = observer->settings;
+    Memory *memory = observer->memory;
+    real *x = observer->x, h = sample->h;
+    predict(observer, sample, work);
     if (settings->axes == 2) {
         note_forced_rotation(settings, memory, x, h);
         note_gradient(settings, memory, x);
     }
-    correct(settings, active, count, constants, table, estimate, sample, work);
+    correct(observer, sample, work);
     memory->time += (double)h;
     remember_drive(settings, memory, sample->u, sample->terms);
     for (whole axis = 0; axis < settings->axes; axis++) {
@@ -60,16 +59,14 @@ static inline void narrow(const real *wide, whole width, real *p, whole n)
 }
 
 /* State vector and its standard deviations, 0 for what is not estimated, into rows of all states and constants. */
-static inline void read_out(const Settings *settings, const whole *active, const Estimate *estimate, real *state,
-                            real *deviation)
+static inline void read_out(const Observer *observer, real *state, real *deviation)
 {
-    const real *actual = settings->two_covariances == 1 ? estimate->c : estimate->p;
-    for (whole i = 0; i < estimate->total; i++) {
-        state[i] = estimate->x[i];
+    for (whole i = 0; i < observer->total; i++) {
+        state[i] = observer->x[i];
         deviation[i] = R(0.0);
     }
-    for (whole i = 0; i < estimate->n; i++)
-        deviation[entry_of(settings, active, i)] = SQRT(actual[i * estimate->width + i]);
+    for (whole i = 0; i < observer->n; i++)
+        deviation[entry_of(observer->settings, observer->active, i)] = SQRT(observer->c[i * observer->width + i]);
 }
 
 #endif

@@ -30,16 +30,6 @@ typedef struct {
 
 #define UNCHANGED R(0.25) /* of a hold's work may be done with one matrix: it is measured before and replaced after */
 
-/* A stationary table on its way (stationary.h): total (angles, phases, n, axes), weight (angles, phases). */
-typedef struct {
-    whole settle;
-    whole samples;
-    real *total;
-    real *weight;
-    double rotation;
-    double h;
-} Gathering;
-
 /* Bytes of an estimator; where in it the sample stands, and the codes. */
 EXPORTED void gyro_estimator_places(int64_t places[3])
 {
@@ -73,26 +63,26 @@ EXPORTED void estimator_observe(void *estimator, double vx, double vy, double ux
 
 EXPORTED double estimator_passed(void *estimator, double ux, double uy)
 {
-    const Arrays *arrays = &((Estimator *)estimator)->arrays;
-    const real u[2] = {ux * arrays->settings->quantum, uy * arrays->settings->quantum};
-    advance_queue(arrays->settings, arrays->memory, u);
-    return arrays->memory->virtual_applied;
+    const Observer *observer = &((Estimator *)estimator)->observer;
+    const real u[2] = {ux * observer->settings->quantum, uy * observer->settings->quantum};
+    advance_queue(observer->settings, observer->memory, u);
+    return observer->memory->virtual_applied;
 }
 
 EXPORTED void estimator_follow(void *estimator, const double *x)
 {
-    const Arrays *arrays = &((Estimator *)estimator)->arrays;
-    arrays->memory->time += arrays->settings->h;
+    const Observer *observer = &((Estimator *)estimator)->observer;
+    observer->memory->time += observer->settings->h;
     if (x != NULL)
-        memcpy(arrays->x, x, (size_t)arrays->total * sizeof *x);
+        memcpy(observer->x, x, (size_t)observer->total * sizeof *x);
 }
 
 /* The trim electrodes a sample on, for an observer that is not this one: V in its middle (trims->count,). */
 EXPORTED void estimator_trimmed(void *estimator, double *volts)
 {
-    const Arrays *arrays = &((Estimator *)estimator)->arrays;
-    for (whole k = 0; k < arrays->trims->count; k++)
-        volts[k] = follow_electrode(arrays->trims, k, arrays->settings->h);
+    const Observer *observer = &((Estimator *)estimator)->observer;
+    for (whole k = 0; k < observer->trims->count; k++)
+        volts[k] = follow_electrode(observer->trims, k, observer->settings->h);
 }
 
 EXPORTED void estimator_control(void *estimator, double codes[2])
@@ -102,10 +92,10 @@ EXPORTED void estimator_control(void *estimator, double codes[2])
 
 EXPORTED void estimator_commanded(void *estimator, const double codes[2], double virtual_rate)
 {
-    const Arrays *arrays = &((Estimator *)estimator)->arrays;
-    real *queued = arrays->memory->queue[arrays->settings->latency];
-    queued[0] = codes[0] * arrays->settings->quantum;
-    queued[1] = codes[1] * arrays->settings->quantum;
+    const Observer *observer = &((Estimator *)estimator)->observer;
+    real *queued = observer->memory->queue[observer->settings->latency];
+    queued[0] = codes[0] * observer->settings->quantum;
+    queued[1] = codes[1] * observer->settings->quantum;
     queued[2] = virtual_rate;
 }
 
@@ -168,13 +158,9 @@ EXPORTED void gyro_filtered_swing(const Folding *asked)
 
 EXPORTED void gyro_gather_gains(Estimator *estimator, const Gathering *gathering)
 {
-    const Arrays *arrays = &estimator->arrays;
-    Constants constants = constants_of(arrays);
-    Estimate estimate = widened(estimator);
-    Course course = {gathering->rotation, gathering->h, gathering->settle, gathering->samples};
-    gather_gains(arrays->settings, arrays->active, arrays->count, &constants, &estimate, &course,
-                 workspace_of(estimator), arrays->angles, arrays->phases, gathering->total, gathering->weight);
-    settle(estimator, &estimate);
+    const Observer observer = widened(estimator);
+    gather_gains(&observer, gathering, workspace_of(estimator));
+    settle(estimator, &observer);
 }
 
 #include "entries_trace.h"

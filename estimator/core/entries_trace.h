@@ -43,9 +43,9 @@ EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan
 
 EXPORTED void gyro_free_run(Estimator *estimator, const FreeRun *run)
 {
-    Settings settings = *estimator->arrays.settings;
+    Settings settings = *estimator->observer.settings;
     settings.order = run->order;
-    workspace_begin(&estimator->work, &settings, estimator->arrays.n, run->total);
+    workspace_begin(&estimator->work, &settings, estimator->observer.n, run->total);
     free_run(&settings, run, &estimator->work.flow);
 }
 

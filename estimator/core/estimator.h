@@ -7,34 +7,9 @@
 #include "structs.h"
 #include "trims.h"
 
-/* An observer's own arrays, scaled: live, for those who call with them.
-
-   active, intensity, prior, spread, initial (count,); table (angles, phases, n, axes) the stationary gains; x (total,);
-   p and c (n, n) the covariance assumed by the gain and the one that estimates have under it. */
+/* An observer as Python has it, its covariances (n, n), with scratch; a pointer to it is one to that. */
 typedef struct {
-    whole count;
-    whole n;
-    whole total;
-    whole angles;
-    whole phases;
-    const Settings *settings;
-    Memory *memory;
-    Output *rows; /* the newest one */
-    const whole *active;
-    const real *intensity;
-    const real *prior;
-    const real *spread;
-    real *initial;
-    const real *table;
-    real *x;
-    real *p;
-    real *c;
-    Trims *trims;
-} Arrays;
-
-/* Arrays first: a pointer to it is one to them. */
-typedef struct {
-    Arrays arrays;
+    Observer observer;
     double sample[4]; /* vx, vy, ux, uy in codes */
     double codes[2];  /* the drive to send */
     Workspace work;
@@ -60,43 +35,25 @@ typedef struct {
     real *deviations;
 } Block;
 
-static inline Constants constants_of(const Arrays *arrays)
-{
-    return (Constants){arrays->intensity, arrays->prior, arrays->spread, arrays->initial};
-}
-
-static inline Table table_of(const Arrays *arrays)
-{
-    return (Table){arrays->angles, arrays->phases, arrays->settings->axes, arrays->table};
-}
-
-/* Its covariances are those in arrays, rows of n numbers. */
-static inline Estimate estimate_of(const Arrays *arrays)
-{
-    return (Estimate){arrays->n, arrays->n, arrays->total, arrays->x, arrays->p, arrays->c, arrays->memory};
-}
-
 /* A copy of it whose covariances have rows that fill vector registers; `settle` puts those back. */
-static inline Estimate widened(Estimator *estimator)
+static inline Observer widened(Estimator *estimator)
 {
-    const Arrays *arrays = &estimator->arrays;
-    int both = arrays->settings->two_covariances == 1;
-    Estimate wide = estimate_of(arrays);
+    Observer wide = estimator->observer;
+    int both = wide.settings->two_covariances == 1;
     wide.width = filled_up(wide.n);
-    wide.p = estimator->wide_p;
-    wide.c = both ? estimator->wide_c : estimator->wide_p;
-    widen(arrays->p, wide.n, wide.p, wide.width);
+    widen(wide.p, wide.n, estimator->wide_p, wide.width);
     if (both)
-        widen(arrays->c, wide.n, wide.c, wide.width);
+        widen(wide.c, wide.n, estimator->wide_c, wide.width);
+    wide.p = estimator->wide_p;
+    wide.c = both ? estimator->wide_c : wide.p;
     return wide;
 }
 
-static inline void settle(Estimator *estimator, const Estimate *wide)
+static inline void settle(Estimator *estimator, const Observer *wide)
 {
-    const Arrays *arrays = &estimator->arrays;
-    narrow(wide->p, wide->width, arrays->p, wide->n);
-    if (arrays->settings->two_covariances == 1)
-        narrow(wide->c, wide->width, arrays->c, wide->n);
+    narrow(wide->p, wide->width, estimator->observer.p, wide->n);
+    if (wide->c != wide->p)
+        narrow(wide->c, wide->width, estimator->observer.c, wide->n);
 }
 
 /* States and all constants of what is carried: those of effects that are only watched stand behind. */
@@ -108,9 +65,10 @@ static inline whole carried_by(const Settings *settings)
 /* Its scratch, made ready when it is first used: every function leaves it fit for the next. */
 static inline Workspace *workspace_of(Estimator *estimator)
 {
-    const Arrays *arrays = &estimator->arrays;
-    if (estimator->work.n != arrays->n || estimator->work.total != carried_by(arrays->settings))
-        workspace_begin(&estimator->work, arrays->settings, arrays->n, carried_by(arrays->settings));
+    const Observer *observer = &estimator->observer;
+    whole total = carried_by(observer->settings);
+    if (estimator->work.n != observer->n || estimator->work.total != total)
+        workspace_begin(&estimator->work, observer->settings, observer->n, total);
     return &estimator->work;
 }
 
@@ -124,32 +82,27 @@ static inline void note_applied(const Settings *settings, Memory *memory, const 
 /* Run the observer over a record; the number of state rows written. */
 static inline whole observe_block(Estimator *estimator, const Block *block)
 {
-    const Arrays *arrays = &estimator->arrays;
-    const Settings *settings = arrays->settings;
-    Constants constants = constants_of(arrays);
-    Table table = table_of(arrays);
-    Estimate estimate = widened(estimator);
+    const Observer observer = widened(estimator);
+    const Settings *settings = observer.settings;
     Workspace *work = workspace_of(estimator);
-    whole axes = settings->axes, written = 0;
+    whole axes = settings->axes, total = observer.total, written = 0;
     for (whole m = 0; m < block->n; m++) {
         const real *u = block->u + m * axes * block->terms;
         Sample sample = {block->z + m * axes, u, block->terms, block->h ? block->h[m] : settings->h};
         if (block->truth)
-            memcpy(arrays->x, block->truth + m * arrays->total, (size_t)arrays->total * sizeof *arrays->x);
+            memcpy(observer.x, block->truth + m * total, (size_t)total * sizeof *observer.x);
         if (block->temperature)
-            arrays->memory->temperature = block->temperature[m];
+            observer.memory->temperature = block->temperature[m];
         if (axes == 2)
-            note_applied(settings, arrays->memory, u, block->terms);
-        follow_trims(settings, arrays->trims, &estimate, arrays->initial, sample.h);
-        advance_filter(settings, arrays->active, arrays->count, &constants, &table, &estimate, &sample, work,
-                       block->rows + m);
+            note_applied(settings, observer.memory, u, block->terms);
+        follow_trims(&observer, sample.h);
+        advance_filter(&observer, &sample, work, block->rows + m);
         if (m % block->every == block->every - 1) {
-            read_out(settings, arrays->active, &estimate, block->states + written * arrays->total,
-                     block->deviations + written * arrays->total);
+            read_out(&observer, block->states + written * total, block->deviations + written * total);
             written++;
         }
     }
-    settle(estimator, &estimate);
+    settle(estimator, &observer);
     return written;
 }
 
@@ -157,31 +110,27 @@ static inline whole observe_block(Estimator *estimator, const Block *block)
    taken in; the newest row filled. */
 static inline void observer_step(Estimator *estimator, const real *z, const real *u)
 {
-    const Arrays *arrays = &estimator->arrays;
-    Constants constants = constants_of(arrays);
-    Table table = table_of(arrays);
-    Estimate estimate = widened(estimator);
-    Sample sample = {z, u, 1, arrays->settings->h};
-    follow_trims(arrays->settings, arrays->trims, &estimate, arrays->initial, sample.h);
-    advance_filter(arrays->settings, arrays->active, arrays->count, &constants, &table, &estimate, &sample,
-                   workspace_of(estimator), arrays->rows);
-    settle(estimator, &estimate);
+    const Observer observer = widened(estimator);
+    Sample sample = {z, u, 1, observer.settings->h};
+    follow_trims(&observer, sample.h);
+    advance_filter(&observer, &sample, workspace_of(estimator), observer.rows);
+    settle(estimator, &observer);
 }
 
 /* The controller (9): the newest estimate's drive codes (2,), for the interval `latency` samples ahead. */
 static inline void controller_step(Estimator *estimator, double *codes)
 {
-    const Arrays *arrays = &estimator->arrays;
-    command(arrays->settings, arrays->memory, arrays->x, workspace_of(estimator), codes);
+    const Observer *observer = &estimator->observer;
+    command(observer->settings, observer->memory, observer->x, workspace_of(estimator), codes);
 }
 
 /* A sample of the closed loop taken in: sense codes (NaN: lost) and echoed drive codes; the newest row filled. */
 static inline void take_sample(Estimator *estimator, double vx, double vy, double ux, double uy)
 {
-    const Settings *settings = estimator->arrays.settings;
+    const Settings *settings = estimator->observer.settings;
     real u[2] = {(real)ux * settings->quantum, (real)uy * settings->quantum};
     real z[2] = {(real)vx * settings->sense_scale[0], (real)vy * settings->sense_scale[1]};
-    advance_queue(settings, estimator->arrays.memory, u);
+    advance_queue(settings, estimator->observer.memory, u);
     observer_step(estimator, z, u);
 }
 

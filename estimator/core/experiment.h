@@ -44,8 +44,8 @@ static inline void experiment_block(Estimator *estimator, const Experiment *plan
     whole back = (whole)FLOOR(plan->late);
     real part = (plan->late - (real)back) * settings->h; /* of a sample, while the drive before still acts */
     real past[MAX_DELAY + 1][MAX_AXES][MAX_DEGREE];
-    workspace_begin(&estimator->work, settings, estimator->arrays.n, estimator->arrays.total);
-    memcpy(past, estimator->arrays.memory->past, sizeof past);
+    workspace_begin(&estimator->work, settings, estimator->observer.n, estimator->observer.total);
+    memcpy(past, estimator->observer.memory->past, sizeof past);
     for (whole m = 0; m < plan->n; m++) {
         const real u[2] = {queue[0][0], queue[0][1]};
         real *sensed = plan->sensed + 2 * m, *drive = plan->drive + 2 * m;

@@ -17,8 +17,8 @@ Array = NDArray[np.float64]
 _places = (ctypes.c_int64 * 3)()
 LIBRARY.gyro_estimator_places(_places)
 _SIZE, _SAMPLE, _CODES = _places
-_ARRAYS, _BLOCK = Arguments("estimator.h", "Arrays"), Arguments("estimator.h", "Block")
-_GATHERING = Arguments("core.c", "Gathering")
+_OBSERVER, _BLOCK = Arguments("structs.h", "Observer"), Arguments("estimator.h", "Block")
+_GATHERING = Arguments("stationary.h", "Gathering")
 _KINDS = {"settings": SETTINGS, "memory": MEMORY, "rows": OUTPUT, "active": np.dtype(np.int64), "trims": TRIMS}
 STEP = ctypes.cast(LIBRARY.estimator_tick, ctypes.c_void_p).value or 0
 """Address of the function by which a caller in C has a filter take a sample and answer it."""
@@ -36,9 +36,9 @@ class Filter:
         for name, array in given.items():
             _require(name, array, _KINDS.get(name, np.dtype(float)))
         self._buffer = np.zeros(_SIZE, np.uint8)
-        self._held = _ARRAYS(
-            count=len(arrays.active), n=len(arrays.p), total=len(arrays.x), angles=arrays.table.shape[0],
-            phases=arrays.table.shape[1], **given,
+        self._held = _OBSERVER(
+            count=len(arrays.active), n=len(arrays.p), width=len(arrays.p), total=len(arrays.x),
+            angles=arrays.table.shape[0], phases=arrays.table.shape[1], **given,
         )  # fmt: skip
         ctypes.memmove(self._buffer.ctypes.data, self._held, ctypes.sizeof(self._held.contents))
         self.address = int(self._buffer.ctypes.data)

@@ -70,8 +70,8 @@ static inline whole take_rows(const Likelihood *pass, const Settings *settings, 
 
 static inline void likelihood_pass(Estimator *estimator, const Likelihood *pass)
 {
-    const Arrays *observer = &estimator->arrays;
-    const Settings *settings = observer->settings;
+    const Observer observer = widened(estimator);
+    const Settings *settings = observer.settings;
     Workspace *work = &estimator->work;
     whole axes = settings->axes, part = 0, filled = 0;
     Scan scan = {.terms = pass->terms, .count = pass->count, .known = pass->known, .weighed = 1, .width = pass->width};
@@ -84,14 +84,13 @@ static inline void likelihood_pass(Estimator *estimator, const Likelihood *pass)
     scan.temperature = pass->temperature;
     scan.delta = pass->delta;
     scan.scratch = pass->scratch;
-    Following follow = following(observer, &scan);
-    Estimate estimate = widened(estimator);
-    workspace_begin(work, settings, observer->n, observer->total - follow.watched);
+    Following follow = following(&observer, &scan);
+    workspace_begin(work, settings, observer.n, observer.total - follow.watched);
     while (pass->begin >= pass->bounds[part + 1])
         part++;
     for (whole m = pass->begin; m < pass->end; m++) {
-        Output *row = observer->rows;
-        scan_sample(observer, &scan, m, row, pass->panel + filled * pass->width, &estimate, work, &follow);
+        Output *row = observer.rows;
+        scan_sample(&observer, &scan, m, row, pass->panel + filled * pass->width, work, &follow);
         for (whole axis = 0; axis < axes; axis++) {
             pass->innovation[m * axes + axis] = row->nu[axis];
             pass->variance[m * axes + axis] = row->s[axis];
@@ -107,7 +106,7 @@ static inline void likelihood_pass(Estimator *estimator, const Likelihood *pass)
             part++;
         }
     }
-    settle(estimator, &estimate);
+    settle(estimator, &observer);
 }
 
 #endif

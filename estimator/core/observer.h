@@ -119,11 +119,13 @@ static inline void propagate(real *p, whole n, whole width, const real *g, whole
             put4(p + i, scale4(factor, take4(p + i)));
 }
 
-/* Force noise on the velocities, random walks on the constants; the rate's moves the velocities, too (Euler's term). */
-static inline void add_process_noise(real *p, whole width, const Settings *settings, real h, const real *s,
-                                     const whole *active, whole count, const real *intensity, real *jumped)
+/* Force noise on the velocities, random walks on the first `count` constants; the rate's moves the velocities, too (Euler's term). */
+static inline void add_process_noise(const Observer *observer, real *p, real h, whole count, real *jumped)
 {
-    whole states = settings->states;
+    const Settings *settings = observer->settings;
+    const whole *active = observer->active;
+    const real *intensity = observer->intensity, *s = observer->x;
+    whole states = settings->states, width = observer->width;
     for (whole axis = 0; axis < settings->axes; axis++) {
         real q = settings->force_noise[axis];
         whole i = 2 * axis;
@@ -327,11 +329,11 @@ static inline whole entry_of(const Settings *settings, const whole *active, whol
 }
 
 /* Add to an entry of the state.  What 32 bits round off of it is kept for the next time (Kahan, Comm. ACM 8(1), 1965). */
-static inline void add_to(Estimate *estimate, whole entry, real change)
+static inline void add_to(const Observer *observer, whole entry, real change)
 {
-    real *to = estimate->x + entry;
+    real *to = observer->x + entry;
 #ifdef CORE_FLOAT32
-    real *rest = estimate->memory->rest + entry;
+    real *rest = observer->memory->rest + entry;
     real all = change + *rest, sum = *to + all;
     *rest = all - (sum - *to);
     *to = sum;
@@ -341,22 +343,22 @@ static inline void add_to(Estimate *estimate, whole entry, real change)
 }
 
 /* Measure one constant against its initial value, with variance `noise`; scratch (2 or more, width). */
-static inline void recall_initial(const Settings *settings, const whole *active, whole index, real initial, real noise,
-                                  Estimate *estimate, real *scratch)
+static inline void recall_initial(const Observer *observer, whole index, real noise, real *scratch)
 {
-    real *x = estimate->x, *p = estimate->p, *c = estimate->c;
-    whole n = estimate->n, width = estimate->width, row = settings->states + index;
-    real *gain = scratch;
+    const Settings *settings = observer->settings;
+    const whole *active = observer->active;
+    real *p = observer->p, *c = observer->c, *gain = scratch;
+    whole n = observer->n, width = observer->width, row = settings->states + index;
     real share = R(1.0) / (p[row * width + row] + noise);
-    real pull = initial - x[settings->states + active[index]];
+    real pull = observer->initial[index] - observer->x[settings->states + active[index]];
     for (whole i = 0; i < width; i++) /* zeros behind the last, as in p */
         gain[i] = p[row * width + i] * share;
     for (whole i = 0; i < n; i++)
-        add_to(estimate, entry_of(settings, active, i), gain[i] * pull);
+        add_to(observer, entry_of(settings, active, i), gain[i] * pull);
     if (settings->axes == 2)
-        recall_angle(estimate->memory, settings->two_covariances == 1 ? c : p, n, width, row, gain, noise);
+        recall_angle(observer->memory, c, n, width, row, gain, noise);
     rank_one(p, n, width, row, gain, noise, scratch + width);
-    if (settings->two_covariances == 1)
+    if (c != p)
         rank_one(c, n, width, row, gain, noise, scratch + width);
 }
 
@@ -367,35 +369,33 @@ static inline void recall_initial(const Settings *settings, const whole *active,
    the initial spread and an unexcited constant returns to that value instead of drifting (stabilised forgetting, Kulhavy
    & Zarrop, Int. J. Control 58(4), 1993; one direction at a time as in Gunnarsson, CDC 1996).  A constant whose variance
    has passed its initial one (a large memory->nis had the filter forget in haste) is brought back to it at once. */
-static inline void remember_prior(const Settings *settings, const whole *active, whole count,
-                                  const Constants *constants, Estimate *estimate, real *scratch)
+static inline void remember_prior(const Observer *observer, real *scratch)
 {
-    const real *prior = constants->prior, *spread = constants->spread, *initial = constants->initial;
-    Memory *memory = estimate->memory;
-    memory->cursor = (memory->cursor + 1) % count;
+    const real *prior = observer->prior, *spread = observer->spread;
+    Memory *memory = observer->memory;
+    memory->cursor = (memory->cursor + 1) % observer->count;
     whole k = memory->cursor;
     if (prior[k] > R(0.0)) /* else known exactly from the start: nothing is forgotten of it */
-        recall_initial(settings, active, k, initial[k], prior[k], estimate, scratch);
-    for (k = 0; k < count; k++) {
-        whole row = settings->states + k;
-        real variance = estimate->p[row * estimate->width + row];
+        recall_initial(observer, k, prior[k], scratch);
+    for (k = 0; k < observer->count; k++) {
+        whole row = observer->settings->states + k;
+        real variance = observer->p[row * observer->width + row];
         if (spread[k] > R(0.0) && variance > spread[k]) {
             real noise = variance * spread[k] / (variance - spread[k]);
-            recall_initial(settings, active, k, initial[k], noise, estimate, scratch);
+            recall_initial(observer, k, noise, scratch);
         }
     }
 }
 
-/* Stationary gain (n, 2) at the pattern angle and vibration phase of s, bilinear in the table (angles, phases, n,
-   channels).
+/* Stationary gain (n, 2) at the pattern angle and vibration phase of the states, bilinear in the table.
 
    The pattern angle is known modulo pi; the angle and pi with the phase and pi is the same motion, which is what the
    wrap uses. */
-static inline void tabulated_gain(const Table *table, whole n, const real *s, real *gain)
+static inline void tabulated_gain(const Observer *observer, real *gain)
 {
-    whole angles = table->angles, phases = table->phases, channels = table->channels;
+    whole angles = observer->angles, phases = observer->phases, channels = observer->settings->axes, n = observer->n;
     real theta, phase;
-    phase_and_angle(s, R(1.0), &theta, &phase);
+    phase_and_angle(observer->x, R(1.0), &theta, &phase);
     real u = (theta + R(0.5) * PI) / PI * (real)angles;
     real v = (phase + PI) / (R(2.0) * PI) * (real)phases;
     for (whole i = 0; i < 2 * n; i++)
@@ -414,7 +414,7 @@ static inline void tabulated_gain(const Table *table, whole n, const real *s, re
         for (whole dj = 0; dj < 2; dj++) {
             whole column = (j0 + dj + shift) % phases;
             real w = wu * (dj == 1 ? fv : R(1.0) - fv);
-            const real *cell = table->gains + (row * phases + column) * n * channels;
+            const real *cell = observer->table + (row * phases + column) * n * channels;
             for (whole i = 0; i < n; i++)
                 for (whole a = 0; a < channels; a++)
                     gain[2 * i + a] += w * cell[i * channels + a];
@@ -429,13 +429,14 @@ static inline int runs_riccati(const Settings *settings, const Memory *memory)
 }
 
 /* Move x over one interval and leave in work the Jacobian rows of the states over [states, active constants]. */
-static inline void predict_state(const Settings *settings, const whole *active, whole count, Memory *memory, real *x,
-                                 const real *u, whole terms, real h, Workspace *work)
+static inline void predict_state(const Observer *observer, const Sample *sample, Workspace *work)
 {
+    const Settings *settings = observer->settings;
+    Memory *memory = observer->memory;
     whole states = settings->states, columns = work->flow.columns;
-    real *out = work->flow.out, *g = work->transition;
+    real *out = work->flow.out, *g = work->transition, *x = observer->x;
     real(*slips)[MAX_COLUMNS] = work->flow.push.slips;
-    Interval interval = {memory->time, h, u, terms};
+    Interval interval = {memory->time, sample->h, sample->u, sample->terms};
     signal_values(settings, memory, memory->time, work->flow.push.signals);
     for (whole k = 0; k < settings->slip_count; k++)
         slips[k][0] = memory->signals[settings->slips[k][0]][0];
@@ -455,8 +456,8 @@ static inline void predict_state(const Settings *settings, const whole *active, 
         x[i] = row[0];
         for (whole j = 0; j < states; j++)
             g[j * states + i] = row[1 + j];
-        for (whole k = 0; k < count; k++) {
-            whole offset = active[k] - settings->sense_constants;
+        for (whole k = 0; k < observer->count; k++) {
+            whole offset = observer->active[k] - settings->sense_constants;
             g[(states + k) * states + i] = offset >= 0 ? row[1 + states + offset] : R(0.0);
         }
     }
@@ -464,15 +465,16 @@ static inline void predict_state(const Settings *settings, const whole *active, 
 
 /* Add to predicted measurement and Jacobian in work what the effects do to the measurement at the end of the
    interval. */
-static inline void sense_effects(const Settings *settings, Memory *memory, const real *x, const real *u, whole terms,
-                                 real h, Workspace *work)
+static inline void sense_effects(const Observer *observer, const Sample *sample, Workspace *work)
 {
+    const Settings *settings = observer->settings;
+    Memory *memory = observer->memory;
     whole states = settings->states, total = work->total;
     real *out = work->flow.out, *full = work->full, *predicted = work->predicted;
     real *drive = work->flow.push.drive, *signals = work->flow.push.signals;
-    const real *c = x + states;
-    drive_at(u, settings->axes, terms, R(1.0), drive);
-    signal_values(settings, memory, memory->time + (double)h, signals);
+    const real *x = observer->x, *c = x + states;
+    drive_at(sample->u, settings->axes, sample->terms, R(1.0), drive);
+    signal_values(settings, memory, memory->time + (double)sample->h, signals);
     for (whole e = 0; e < settings->effect_count; e++)
         effect_sense(settings->effects[e][0], settings->model, c, x, drive, signals, settings->effects[e][1],
                      settings->effects[e][2], predicted, full, total, full + states, total);
@@ -480,7 +482,7 @@ static inline void sense_effects(const Settings *settings, Memory *memory, const
         return;
     for (whole axis = 0; axis < settings->axes; axis++) {
         whole row = 2 * axis, columns = work->flow.columns;
-        Interval interval = {memory->time + (double)h, h, u, terms};
+        Interval interval = {memory->time + (double)sample->h, sample->h, sample->u, sample->terms};
         sensed_before(settings, &interval, memory->past, c, x, axis, &work->flow);
         real *of_axis = full + axis * total;
         predicted[axis] += out[row * columns] - x[row];
@@ -493,22 +495,23 @@ static inline void sense_effects(const Settings *settings, Memory *memory, const
 
 /* Innovation (0 where z is NaN), measurement Jacobian over [states, active constants] and noise into work; false if z
    is all NaN. */
-static inline int predict_measurement(const Settings *settings, const whole *active, whole count, Memory *memory,
-                                      const real *x, const Sample *sample, Workspace *work)
+static inline int predict_measurement(const Observer *observer, const Sample *sample, Workspace *work)
 {
-    whole states = settings->states, total = work->total, n = work->n;
+    const Settings *settings = observer->settings;
+    const real *x = observer->x;
+    whole states = settings->states, total = work->total, n = observer->n;
     real *full = work->full, *predicted = work->predicted;
     Push *push = &work->flow.push;
     for (whole i = 0; i < 2 * total; i++)
         full[i] = R(0.0);
     if (senses_otherwise(settings)) {
         drive_at(sample->u, settings->axes, sample->terms, R(1.0), push->drive);
-        signal_values(settings, memory, memory->time + (double)sample->h, push->signals);
+        signal_values(settings, observer->memory, observer->memory->time + (double)sample->h, push->signals);
         sensed_otherwise(settings, x + states, x, push, predicted, full, full + states, total);
     } else {
         sense(settings->model, x + states, x, predicted, full, total);
         if (settings->effect_count > 0)
-            sense_effects(settings, memory, x, sample->u, sample->terms, sample->h, work);
+            sense_effects(observer, sample, work);
     }
     int measured = 0;
     for (whole channel = 0; channel < settings->axes; channel++) {
@@ -520,46 +523,45 @@ static inline int predict_measurement(const Settings *settings, const whole *act
         work->noise[channel] = settings->noise[channel];
         for (whole j = 0; j < states; j++)
             jacobian[j] = usable ? of_channel[j] : R(0.0);
-        for (whole k = 0; k < count; k++)
-            jacobian[states + k] = usable ? of_channel[states + active[k]] : R(0.0);
+        for (whole k = 0; k < observer->count; k++)
+            jacobian[states + k] = usable ? of_channel[states + observer->active[k]] : R(0.0);
     }
     return measured;
 }
 
-/* Advance state and covariances over h with the drive u (axes, terms) that acted. */
-static inline void predict(const Settings *settings, const whole *active, whole count, const real *intensity,
-                           Estimate *estimate, const real *u, whole terms, real h, Workspace *work)
+/* Advance state and covariances over the sample's interval with the drive that acted. */
+static inline void predict(const Observer *observer, const Sample *sample, Workspace *work)
 {
-    real *x = estimate->x, *p = estimate->p, *c = estimate->c;
-    Memory *memory = estimate->memory;
-    whole n = estimate->n, width = estimate->width, states = settings->states;
-    real *g = work->transition;
-    predict_state(settings, active, count, memory, x, u, terms, h, work);
+    const Settings *settings = observer->settings;
+    real *p = observer->p, *c = observer->c, *g = work->transition, h = sample->h;
+    Memory *memory = observer->memory;
+    whole n = observer->n, width = observer->width, states = settings->states;
+    predict_state(observer, sample, work);
     if (settings->signal_count > 0)
-        advance_signals(settings, memory, x + states, u, terms, h);
+        advance_signals(settings, memory, observer->x + states, sample->u, sample->terms, h);
     if (settings->axes == 2) {
-        predict_angle(settings, memory, settings->two_covariances == 1 ? c : p, n, width, h);
+        predict_angle(settings, memory, c, n, width, h);
         move_angle(memory, g, n);
     }
-    if (settings->two_covariances == 1) {
+    if (c != p) {
         propagate(c, n, width, g, states, work->rows, R(1.0));
-        add_process_noise(c, width, settings, h, x, active, settings->resting == 1 ? 0 : count, intensity, work->jump);
+        add_process_noise(observer, c, h, settings->resting == 1 ? 0 : observer->count, work->jump);
     }
     if (runs_riccati(settings, memory)) {
         propagate(p, n, width, g, states, work->rows, fading_factor(settings, memory));
-        add_process_noise(p, width, settings, h, x, active, count, intensity, work->jump);
+        add_process_noise(observer, p, h, observer->count, work->jump);
     }
 }
 
 /* The state, all constants in it, plus gain (n, 2) times the innovation. */
-static inline void add_correction(const Settings *settings, const whole *active, whole n, const real *gain,
-                                  const real *nu, Estimate *estimate)
+static inline void add_correction(const Observer *observer, const real *gain, const real *nu)
 {
-    for (whole i = 0; i < n; i++) {
+    const Settings *settings = observer->settings;
+    for (whole i = 0; i < observer->n; i++) {
         real correction = R(0.0);
         for (whole channel = 0; channel < settings->axes; channel++)
             correction += gain[2 * i + channel] * nu[channel];
-        add_to(estimate, entry_of(settings, active, i), correction);
+        add_to(observer, entry_of(settings, observer->active, i), correction);
     }
 }
 
@@ -577,30 +579,29 @@ static inline void predict_variance(const real *seen, whole n, whole width, whol
 }
 
 /* Update state and covariances with the sample (NaN: no measurement); work receives innovation and its variance. */
-static inline void correct(const Settings *settings, const whole *active, whole count, const Constants *constants,
-                           const Table *table, Estimate *estimate, const Sample *sample, Workspace *work)
+static inline void correct(const Observer *observer, const Sample *sample, Workspace *work)
 {
-    real *x = estimate->x, *p = estimate->p, *c = estimate->c;
-    Memory *memory = estimate->memory;
+    const Settings *settings = observer->settings;
+    real *p = observer->p, *c = observer->c;
+    Memory *memory = observer->memory;
     const real *nu = work->innovation;
     real *jacobian = work->jacobian, *gain = work->gain, *noise = work->noise, *assumed = work->assumed;
-    whole channels = settings->axes, n = estimate->n, width = estimate->width;
-    int measured = predict_measurement(settings, active, count, memory, x, sample, work);
-    const real *actual = settings->two_covariances == 1 ? c : p;
+    whole channels = settings->axes, n = observer->n, width = observer->width;
+    int measured = predict_measurement(observer, sample, work);
     int riccati = runs_riccati(settings, memory);
     for (whole channel = 0; channel < channels; channel++)
         assumed[channel] = noise[channel] + settings->ignored[channel];
-    if (measured && riccati && channels == 2 && settings->two_covariances == 0) {
+    if (measured && riccati && channels == 2 && c == p) {
         real nis = measure_two(p, n, width, memory, work);
         memory->nis += (nis - memory->nis) * ATTENTION;
-        add_correction(settings, active, n, gain, nu, estimate);
+        add_correction(observer, gain, nu);
     } else {
         real *seen_actual = work->rows, *seen = seen_actual; /* H C, and H P */
-        project(actual, n, width, jacobian, channels, seen_actual);
+        project(c, n, width, jacobian, channels, seen_actual);
         predict_variance(seen_actual, n, width, channels, work);
         if (!measured)
             return;
-        if (riccati && actual != p) {
+        if (riccati && c != p) {
             seen = seen_actual + 2 * width;
             project(p, n, width, jacobian, channels, seen);
         }
@@ -608,22 +609,22 @@ static inline void correct(const Settings *settings, const whole *active, whole 
             real nis = kalman_gain(seen, n, width, jacobian, assumed, channels, nu, gain);
             memory->nis += (nis - memory->nis) * ATTENTION;
         } else {
-            tabulated_gain(table, n, x, gain);
+            tabulated_gain(observer, gain);
             for (whole channel = 0; channel < channels; channel++)
                 if (!isfinite(sample->z[channel]))
                     for (whole i = 0; i < n; i++)
                         gain[2 * i + channel] = R(0.0);
         }
-        add_correction(settings, active, n, gain, nu, estimate);
+        add_correction(observer, gain, nu);
         if (channels == 2)
             correct_angle(memory, seen_actual, n, width, jacobian, noise, channels, gain);
-        if (settings->two_covariances == 1)
+        if (c != p)
             joseph(c, n, width, seen_actual, jacobian, noise, channels, gain, work->projected);
         if (riccati)
             joseph(p, n, width, seen, jacobian, assumed, channels, gain, work->projected);
     }
-    if (riccati && settings->fade > R(1.0) && count > 0)
-        remember_prior(settings, active, count, constants, estimate, work->projected);
+    if (riccati && settings->fade > R(1.0) && observer->count > 0)
+        remember_prior(observer, work->projected);
 }
 
 /* past (intervals, axes, terms), newest first, gets u (axes, terms) in front and loses its oldest. */

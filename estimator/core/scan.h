@@ -293,21 +293,19 @@ static inline void pull(whole row, const real *gain, const Following *follow)
 }
 
 /* `remember_prior` of the observer, the sensitivities pulled along; the cursor has moved on already. */
-static inline void recall(const Settings *settings, const Arrays *observer, const Constants *constants,
-                          Estimate *estimate, real *scratch, const Following *follow)
+static inline void recall(const Observer *observer, real *scratch, const Following *follow)
 {
-    const whole *active = observer->active;
     for (whole turn = 0; turn <= observer->count; turn++) {
-        whole index = turn == 0 ? estimate->memory->cursor : turn - 1;
-        whole row = settings->states + index;
-        real noise = constants->prior[index], spread = constants->spread[index];
+        whole index = turn == 0 ? observer->memory->cursor : turn - 1;
+        whole row = observer->settings->states + index;
+        real noise = observer->prior[index], spread = observer->spread[index];
         if (turn > 0) {
-            real variance = estimate->p[row * estimate->width + row];
+            real variance = observer->p[row * observer->width + row];
             int wide = spread > R(0.0) && variance > spread;
             noise = wide ? variance * spread / (variance - spread) : R(0.0);
         }
         if (noise > R(0.0)) {
-            recall_initial(settings, active, index, constants->initial[index], noise, estimate, scratch);
+            recall_initial(observer, index, noise, scratch);
             pull(row, scratch, follow);
         }
     }
@@ -360,7 +358,7 @@ static inline whole scan_scratch(whole count, whole constants)
     return 2 * constants + (2 + 4) * count;
 }
 
-static inline Following following(const Arrays *observer, const Scan *scan)
+static inline Following following(const Observer *observer, const Scan *scan)
 {
     const Settings *settings = observer->settings;
     whole states = settings->states, count = scan->count, constants = observer->total - states;
@@ -385,18 +383,17 @@ static inline Following following(const Arrays *observer, const Scan *scan)
 
 /* Sample m: observe it as `observe_block` does, and follow what is watched; row receives what the observer makes of it,
    equations its rows. */
-static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m, Output *row, real *equations,
-                               Estimate *estimate, Workspace *work, Following *follow)
+static inline void scan_sample(const Observer *observer, const Scan *scan, whole m, Output *row, real *equations,
+                               Workspace *work, Following *follow)
 {
     const Settings *settings = observer->settings;
     Memory *memory = observer->memory;
-    whole states = settings->states, axes = settings->axes, count = scan->count, active = observer->count;
-    const Constants constants = constants_of(observer);
+    whole states = settings->states, axes = settings->axes, count = scan->count;
     const real nothing[MAX_ENTRIES] = {R(0.0)}; /* what is forgotten is given back below, the sensitivities alike */
-    const Constants forgetful = {observer->intensity, nothing, nothing, observer->initial};
-    const Table table = table_of(observer);
+    Observer forgetful = *observer;
+    forgetful.prior = forgetful.spread = nothing;
     const Sample sample = {scan->z + m * axes, scan->u + m * axes * scan->terms, scan->terms, scan->h[m]};
-    real *x = estimate->x, before[4], foreseen[4];
+    real *x = observer->x, before[4], foreseen[4];
     int turning = axes == 2 && memory->started == 1 && scan->turning == 1;
     real rotation = memory->rotation, rate = memory->rate;
     if (scan->warm)
@@ -407,7 +404,7 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
         note_applied(settings, memory, sample.u, sample.terms);
     for (whole i = 0; i < states; i++)
         before[i] = x[i];
-    predict(settings, observer->active, active, constants.intensity, estimate, sample.u, sample.terms, sample.h, work);
+    predict(observer, &sample, work);
     multiply_rows(work->transition, states, follow);
     add_known(settings, follow, &work->flow);
     if (axes == 2)
@@ -418,7 +415,7 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
         signal_values(settings, memory, memory->time + (double)sample.h, work->flow.push.signals);
         watch_sensed(settings, x, sample.u, sample.terms, follow, work);
     }
-    correct(settings, observer->active, active, &forgetful, &table, estimate, &sample, work);
+    correct(&forgetful, &sample, work);
     memory->time += sample.h;
     remember_drive(settings, memory, sample.u, sample.terms);
     for (whole axis = 0; axis < axes; axis++) {
@@ -445,7 +442,7 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
         if (scan->weighed)
             write_equations(settings, memory, scan, equations, work, follow);
         if (settings->fade > R(1.0) && runs_riccati(settings, memory))
-            recall(settings, observer, &constants, estimate, work->projected, follow);
+            recall(observer, work->projected, follow);
     }
     if (axes == 2)
         read_angle(settings, memory, x, sample.h, row);
@@ -456,23 +453,22 @@ static inline void scan_sample(const Arrays *observer, const Scan *scan, whole m
 /* Observe n samples, and follow what is watched. */
 static inline void scan_block(Estimator *estimator, const Scan *scan)
 {
-    const Arrays *observer = &estimator->arrays;
-    const Settings *settings = observer->settings;
+    const Observer observer = widened(estimator);
+    const Settings *settings = observer.settings;
     Workspace *work = &estimator->work;
-    whole axes = settings->axes, n = observer->n, written = 0;
-    Following follow = following(observer, scan);
-    Estimate estimate = widened(estimator);
-    workspace_begin(work, settings, n, observer->total - follow.watched);
+    whole axes = settings->axes, written = 0;
+    Following follow = following(&observer, scan);
+    workspace_begin(work, settings, observer.n, observer.total - follow.watched);
     for (whole m = 0; m < scan->n; m++) {
         real *equations = scan->weighed ? scan->equations + axes * m * scan->width : NULL;
-        scan_sample(observer, scan, m, scan->rows + m, equations, &estimate, work, &follow);
+        scan_sample(&observer, scan, m, scan->rows + m, equations, work, &follow);
         if ((m + 1) * scan->instants >= (written + 1) * scan->n) {
             for (whole k = 0; k < scan->count; k++)
                 scan->course[written * scan->count + k] = scan->turned[k] / settings->angular_gain;
             written++;
         }
     }
-    settle(estimator, &estimate);
+    settle(estimator, &observer);
 }
 
 #endif

@@ -7,14 +7,16 @@
 #include "pattern.h"
 #include "structs.h"
 
-/* How the orbit is gone along: rotation of its pattern, samples h apart, so many of them to settle, so many that
-   count. */
+/* How the orbit is gone along: rotation of its pattern, samples h apart, so many of them to settle, so many that count;
+   sums of the gains, total (angles, phases, n, axes), and their number, weight (angles, phases). */
 typedef struct {
-    double rotation;
-    double h;
     whole settle;
     whole samples;
-} Course;
+    real *total;
+    real *weight;
+    double rotation;
+    double h;
+} Gathering;
 
 /* Motion s = (x, vx, y, vy) at scaled time t of the ideal controlled device: unit amplitude, pattern turned at
    -rotation.
@@ -52,18 +54,17 @@ static inline whole cell_of(const real *s, whole angles, whole phases)
     return row * phases + column % phases;
 }
 
-/* Sums of the gains (angles, phases, n, axes) and their number (angles, phases) into total and weight, along the course.
+/* Gather the gains along the course.
 
-   The device has the constants in estimate->x and is held on the orbit of the ideal controlled one, whose pattern
-   precesses: the error system is the device's own, only its motion is the ideal one.  estimate->p goes on; the samples
-   to settle only bring it to its periodic state.  estimate->x is written over in its states. */
-static inline void gather_gains(const Settings *settings, const whole *active, whole count,
-                                const Constants *constants, Estimate *estimate, const Course *course, Workspace *work,
-                                whole angles, whole phases, real *total, real *weight)
+   The device has the constants in observer->x and is held on the orbit of the ideal controlled one, whose pattern
+   precesses: the error system is the device's own, only its motion is the ideal one.  observer->p goes on; the samples
+   to settle only bring it to its periodic state.  observer->x is written over in its states. */
+static inline void gather_gains(const Observer *observer, const Gathering *course, Workspace *work)
 {
-    whole states = settings->states, axes = settings->axes, n = estimate->n, width = estimate->width, cursor = 0;
-    real *x = estimate->x, *p = estimate->p, *gain = work->gain, h = (real)course->h;
-    const real *c = x + states, *prior = constants->prior;
+    const Settings *settings = observer->settings;
+    whole states = settings->states, axes = settings->axes, n = observer->n, width = observer->width, cursor = 0;
+    real *x = observer->x, *p = observer->p, *gain = work->gain, h = (real)course->h;
+    const real *c = x + states, *prior = observer->prior;
     const real none[MAX_AXES] = {R(0.0)};
     for (whole m = 0; m < course->settle + course->samples; m++) {
         real middle[4], u[2];
@@ -71,26 +72,26 @@ static inline void gather_gains(const Settings *settings, const whole *active, w
         orbit(((double)m + 0.5) * course->h, course->rotation, middle);
         holding_force(c, middle, (real)course->rotation, u);
         orbit((double)m * course->h, course->rotation, x);
-        predict_state(settings, active, count, estimate->memory, x, u, 1, h, work);
+        predict_state(observer, &sample, work);
         orbit((double)(m + 1) * course->h, course->rotation, x);
         propagate(p, n, width, work->transition, states, work->rows, settings->fade);
-        add_process_noise(p, width, settings, h, x, active, count, constants->intensity, work->jump);
-        predict_measurement(settings, active, count, estimate->memory, x, &sample, work);
+        add_process_noise(observer, p, h, observer->count, work->jump);
+        predict_measurement(observer, &sample, work);
         for (whole axis = 0; axis < axes; axis++)
             work->assumed[axis] = work->noise[axis] + settings->ignored[axis];
         project(p, n, width, work->jacobian, axes, work->rows);
         kalman_gain(work->rows, n, width, work->jacobian, work->assumed, axes, work->innovation, gain);
         if (m >= course->settle) {
-            whole cell = cell_of(x, angles, phases);
-            weight[cell] += R(1.0);
+            whole cell = cell_of(x, observer->angles, observer->phases);
+            course->weight[cell] += R(1.0);
             for (whole i = 0; i < n; i++)
                 for (whole a = 0; a < axes; a++)
-                    total[(cell * n + i) * axes + a] += gain[2 * i + a];
+                    course->total[(cell * n + i) * axes + a] += gain[2 * i + a];
         }
         joseph(p, n, width, work->rows, work->jacobian, work->assumed, axes, gain, work->projected);
-        if (count == 0)
+        if (observer->count == 0)
             continue;
-        cursor = (cursor + 1) % count;
+        cursor = (cursor + 1) % observer->count;
         if (prior[cursor] > R(0.0)) {
             whole row = states + cursor;
             real *recalled = work->projected, share = p[row * width + row] + prior[cursor];

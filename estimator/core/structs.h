@@ -8,35 +8,34 @@
 #define LENGTHS 4     /* of a drift: those of the second half are those of the first */
 #define OF_A_LENGTH 80
 
-/* What is assumed of each constant that is estimated (k,): intensity of its random walk, the square of the density,
-   variance per unit of time; prior: variance with which the initial value is measured again for what was forgotten of
-   it, 0 for none; spread: its initial variance; initial value. */
-typedef struct {
-    const real *intensity;
-    const real *prior;
-    const real *spread;
-    const real *initial;
-} Constants;
+/* An observer, scaled: its arrays are its owner's.
 
-/* Stationary gains (angles, phases, n, channels). */
+   active (count,) which constants are estimated, n states and constants together; of each such constant the intensity of
+   its random walk, the square of the density: variance per unit of time; prior: variance with which the initial value is
+   measured again for what was forgotten of it, 0 for none; spread: its initial variance; initial value.  table (angles,
+   phases, n, axes) the stationary gains; x (total,) states and all constants; p (n, width) the covariance that the gain
+   assumes, c the one that the estimates have under it, the same where there is one; rows the newest output. */
 typedef struct {
-    whole angles;
-    whole phases;
-    whole channels;
-    const real *gains;
-} Table;
-
-/* What a filter carries from sample to sample: x (total,) states and all constants; p (n, width) the covariance that the
-   gain assumes, c the one that the estimates have under it. */
-typedef struct {
+    whole count;
     whole n;
     whole width;
     whole total;
+    whole angles;
+    whole phases;
+    const Settings *settings;
+    Memory *memory;
+    Output *rows;
+    const whole *active;
+    const real *intensity;
+    const real *prior;
+    const real *spread;
+    real *initial;
+    const real *table;
     real *x;
     real *p;
     real *c;
-    Memory *memory;
-} Estimate;
+    Trims *trims;
+} Observer;
 
 /* z (axes,) what was measured, NaN where nothing was; u (axes, terms) the drive over the interval of length h that ends
    there. */

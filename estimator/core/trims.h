@@ -22,8 +22,10 @@ static inline real follow_electrode(Trims *trims, whole k, real h)
 
 /* Before an interval of length h is predicted: the stiffness becomes what the voltage in its middle makes of it, with
    the initial value (k,) that forgetting draws it to, and less certain by the coefficient's own uncertainty. */
-static inline void follow_trims(const Settings *settings, Trims *trims, const Estimate *estimate, real *initial, real h)
+static inline void follow_trims(const Observer *observer, real h)
 {
+    const Settings *settings = observer->settings;
+    Trims *trims = observer->trims;
     for (whole k = 0; k < trims->count; k++) {
         real before = trims->squared[k];
         follow_electrode(trims, k, h);
@@ -32,15 +34,15 @@ static inline void follow_trims(const Settings *settings, Trims *trims, const Es
             continue;
         for (whole i = 0; i < 3; i++) {
             real softer = trims->softening[k][i] * (now - before);
-            estimate->x[settings->states + KXX + i] -= softer;
+            observer->x[settings->states + KXX + i] -= softer;
             if (trims->rows[i] < 0)
                 continue;
-            initial[trims->rows[i] - settings->states] -= softer;
-            whole at = trims->rows[i] * (estimate->width + 1);
+            observer->initial[trims->rows[i] - settings->states] -= softer;
+            whole at = trims->rows[i] * (observer->width + 1);
             real more = trims->variance[k][i] * FABS(now * now - before * before);
-            estimate->p[at] += more;
-            if (settings->two_covariances == 1)
-                estimate->c[at] += more;
+            observer->p[at] += more;
+            if (observer->c != observer->p)
+                observer->c[at] += more;
         }
     }
 }

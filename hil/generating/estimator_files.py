@@ -23,7 +23,7 @@ _ENTRIES = ("controller", "block")
 
 _ROOTS = (
     "workspace_begin", "advance_queue", "advance_filter", "command", "Settings", "Memory", "Output", "Workspace",
-    "Constants", "Table", "Estimate", "Sample", "entry_of", "RATE",
+    "Observer", "Sample", "entry_of", "RATE",
 )  # fmt: skip
 """What the interface and the data name of it."""
 

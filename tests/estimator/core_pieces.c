@@ -81,8 +81,10 @@ PIECE void p_command(const Settings *settings, Memory *memory, const real *x, Wo
 PIECE whole p_predict_measurement(const Settings *settings, const whole *active, whole count, Memory *memory,
                                   const real *x, const real *z, const real *u, whole terms, real h, Workspace *work)
 {
-    Sample sample = {z, u, terms, h};
-    return predict_measurement(settings, active, count, memory, x, &sample, work);
+    const Sample sample = {z, u, terms, h};
+    const Observer observer = {.count = count, .n = work->n, .settings = settings, .memory = memory,
+                               .active = active, .x = (real *)x};
+    return predict_measurement(&observer, &sample, work);
 }
 
 PIECE void p_gradient(const real *s, real k, real w, real rate, real *out)

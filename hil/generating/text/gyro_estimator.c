@@ -47,21 +47,18 @@ void gyro_estimator_init(gyro_estimator *estimator)
     workspace_begin(&estimator->work, &settings, ESTIMATED, TOTAL);
 }
 
-static Estimate estimate_of(gyro_estimator *estimator)
-{
-    return (Estimate){ESTIMATED, filled_up(ESTIMATED), TOTAL, estimator->x, estimator->p, @C@, &estimator->memory};
-}
-
 /* z and u are scaled. */
 static void observe(gyro_estimator *estimator, const real z[2], const real u[2])
 {
-    static const Constants constants = {intensity, prior, spread, initial_constants};
-    static const Table table = {@ANGLES@, @PHASES@, 2, gains};
-    Estimate estimate = estimate_of(estimator);
-    Sample sample = {z, u, 1, settings.h};
+    const Observer observer = {
+        .count = ESTIMATED - 4, .n = ESTIMATED, .width = filled_up(ESTIMATED), .total = TOTAL, .angles = @ANGLES@,
+        .phases = @PHASES@, .settings = &settings, .memory = &estimator->memory, .active = active,
+        .intensity = intensity, .prior = prior, .spread = spread, .initial = (real *)initial_constants, .table = gains,
+        .x = estimator->x, .p = estimator->p, .c = @C@, /* nothing writes to the initial values without electrodes */
+    };
+    const Sample sample = {z, u, 1, settings.h};
     advance_queue(&settings, &estimator->memory, u);
-    advance_filter(&settings, active, ESTIMATED - 4, &constants, &table, &estimate, &sample, &estimator->work,
-                   &estimator->row);
+    advance_filter(&observer, &sample, &estimator->work, &estimator->row);
 }
 
 static void drive(gyro_estimator *estimator, int drive_on, double codes[2])
