@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.core.following import Portion, Signatures, scan_block
-from estimator.core.layout import OUTPUT
 from estimator.observer import Observer
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned, together
@@ -92,11 +91,8 @@ def followed(problem: Problem, tested: Effects) -> tuple[dict[str, slice], Array
     for begin, end in pairwise([0, *sorted({*kept, *added})]):
         stop_if_abandoned()
         rows, read = slice(begin, end), slice(np.searchsorted(kept, end), np.searchsorted(kept, end, side="right"))
-        scan_block(
-            observer,
-            Portion(z[rows], u[rows], h[rows], warmth[rows], np.zeros(end - begin, OUTPUT)),
-            Signatures(delta, np.inf, np.zeros((0, k + 2)), turned, course[read]),
-        )
+        scan_block(observer, Portion(z[rows], u[rows], h[rows], warmth[rows]), Signatures(delta, turned=turned))
+        course[read] = turned / problem.device.angular_gain
         if end in added:
             observer.unsettle(added[end])
     return columns, course / observer.factors[len(observer.names) - k :]

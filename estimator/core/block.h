@@ -9,6 +9,18 @@
 #include "observer.h"
 #include "structs.h"
 
+/* Behind the correction: time goes on, and the output row has the innovation. */
+static inline void end_sample(const Observer *observer, const Sample *sample, const Workspace *work, Output *row)
+{
+    const Settings *settings = observer->settings;
+    observer->memory->time += (double)sample->h;
+    remember_drive(settings, observer->memory, sample->u, sample->terms);
+    for (whole axis = 0; axis < settings->axes; axis++) {
+        row->nu[axis] = work->innovation[axis];
+        row->s[axis] = work->variance[axis];
+    }
+}
+
 /* One sample: predict with the drive that acted, note how it turned the pattern, correct with what was measured, fill
    the output row. */
 static inline void advance_filter(const Observer *observer, const Sample *sample, Workspace *work, Output *row)
@@ -22,12 +34,7 @@ static inline void advance_filter(const Observer *observer, const Sample *sample
         note_gradient(settings, memory, x);
     }
     correct(observer, sample, work);
-    memory->time += (double)h;
-    remember_drive(settings, memory, sample->u, sample->terms);
-    for (whole axis = 0; axis < settings->axes; axis++) {
-        row->nu[axis] = work->innovation[axis];
-        row->s[axis] = work->variance[axis];
-    }
+    end_sample(observer, sample, work, row);
     if (settings->axes == 2) {
         read_angle(settings, memory, x, h, row);
         if (refer_angle(settings, memory)) {

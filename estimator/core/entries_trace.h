@@ -31,9 +31,9 @@ EXPORTED void gyro_scan_block(Estimator *estimator, const Scan *scan)
     scan_block(estimator, scan);
 }
 
-EXPORTED void gyro_likelihood_pass(Estimator *estimator, const Likelihood *pass)
+EXPORTED void gyro_likelihood_pass(Estimator *estimator, const Scan *scan, const Likelihood *pass)
 {
-    likelihood_pass(estimator, pass);
+    likelihood_pass(estimator, scan, pass);
 }
 
 EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from estimator.core.arguments import Arguments
-from estimator.core.following import BLOCK, Observing
+from estimator.core.following import BLOCK, Observing, Portion, Signatures, scan_of
 from estimator.core.layout import Floats, Ints
 from estimator.core.library import LIBRARY
 
@@ -19,15 +19,11 @@ _PASS = Arguments("likelihood.h", "Likelihood")
 
 @dataclass(frozen=True)
 class Samples:
-    """A record in parts, as a filter takes it, scaled: measured z (n, axes), drive u (n, axes, degree + 1) over the
-    interval that ends at each, its length h (n,), temperature (n,) or (0,); bounds (parts + 1,) of the parts; skip:
-    samples of the start that do not count.
+    """A record in parts, as a filter takes it: bounds (parts + 1,) of the parts; skip: samples of the start that do not
+    count.
     """
 
-    z: Floats
-    u: Floats
-    h: Floats
-    temperature: Floats
+    portion: Portion
     bounds: Ints
     skip: int
 
@@ -46,7 +42,7 @@ class Pass:
         self, samples: Samples, rows: int, known: Ints, watched: int, others: Sequence[Floats], shifts: Sequence[float]
     ) -> None:
         self.samples, self.known = samples, known
-        n, axes = samples.z.shape
+        n, axes = samples.portion.z.shape
         parts, k = len(samples.bounds) - 1, len(known) + watched
         self.width = -(-(k + 2 + len(others)) // BLOCK) * BLOCK
         self.used = k + 1 + len(others)
@@ -67,15 +63,13 @@ class Pass:
     def advance(self, observer: Observing, begin: int, end: int) -> None:
         """Over these samples; the next call goes on behind them."""
         samples = self.samples
-        k, constants = self.delta.shape[1], len(observer.arrays.x)
+        scan = scan_of(observer, samples.portion, Signatures(self.delta, known=self.known), self.width)
         LIBRARY.gyro_likelihood_pass(
-            ctypes.c_void_p(observer.core),
+            ctypes.c_void_p(observer.core), scan,
             _PASS(
-                begin=begin, end=end, skip=samples.skip, terms=samples.u.shape[2], warm=len(samples.temperature) > 0,
-                count=k, known=len(self.known), shifted=len(self._shifts), width=self.width, parts=len(self.logs),
-                bounds=samples.bounds, constants=self.known, z=samples.z, u=samples.u, h=samples.h,
-                temperature=samples.temperature, others=self._others, shifts=self._shifts, delta=self.delta,
-                innovation=self.innovation, variance=self.variance, white=self.white, gram=self._gram, logs=self.logs,
-                counted=self.counted, panel=self._panel, scratch=np.zeros(2 * constants + (2 + len(self.delta)) * k),
+                begin=begin, end=end, skip=samples.skip, shifted=len(self._shifts), parts=len(self.logs),
+                bounds=samples.bounds, others=self._others, shifts=self._shifts, innovation=self.innovation,
+                variance=self.variance, white=self.white, gram=self._gram, logs=self.logs, counted=self.counted,
+                panel=self._panel,
             ),
         )  # fmt: skip

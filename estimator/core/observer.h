@@ -362,6 +362,18 @@ static inline void recall_initial(const Observer *observer, whole index, real no
         rank_one(c, n, width, row, gain, noise, scratch + width);
 }
 
+/* Noise with which a constant is measured against its initial value, 0 for not at all: on the first turn the one that is
+   visited next, then each whose variance has passed its initial one. */
+static inline real forgotten(const Observer *observer, whole turn, whole *index)
+{
+    *index = turn == 0 ? observer->memory->cursor : turn - 1;
+    if (turn == 0)
+        return observer->prior[*index]; /* 0 where it is known exactly from the start: nothing is forgotten of it */
+    real spread = observer->spread[*index];
+    real variance = observer->p[(observer->settings->states + *index) * (observer->width + 1)];
+    return spread > R(0.0) && variance > spread ? variance * spread / (variance - spread) : R(0.0);
+}
+
 /* Give back what fading memory forgot of the initial values.
 
    Fading memory forgets in every direction but learns only in excited ones.  One constant after the other is measured
@@ -371,19 +383,12 @@ static inline void recall_initial(const Observer *observer, whole index, real no
    has passed its initial one (a large memory->nis had the filter forget in haste) is brought back to it at once. */
 static inline void remember_prior(const Observer *observer, real *scratch)
 {
-    const real *prior = observer->prior, *spread = observer->spread;
-    Memory *memory = observer->memory;
-    memory->cursor = (memory->cursor + 1) % observer->count;
-    whole k = memory->cursor;
-    if (prior[k] > R(0.0)) /* else known exactly from the start: nothing is forgotten of it */
-        recall_initial(observer, k, prior[k], scratch);
-    for (k = 0; k < observer->count; k++) {
-        whole row = observer->settings->states + k;
-        real variance = observer->p[row * observer->width + row];
-        if (spread[k] > R(0.0) && variance > spread[k]) {
-            real noise = variance * spread[k] / (variance - spread[k]);
-            recall_initial(observer, k, noise, scratch);
-        }
+    observer->memory->cursor = (observer->memory->cursor + 1) % observer->count;
+    for (whole turn = 0; turn <= observer->count; turn++) {
+        whole index;
+        real noise = forgotten(observer, turn, &index);
+        if (noise > R(0.0))
+            recall_initial(observer, index, noise, scratch);
     }
 }
 

@@ -21,38 +21,28 @@ static const real SCAN_WEIGHT[SCAN_NODES] = {R(0.27777777777777778), R(0.4444444
 
 /* n samples, and what is followed of `count` coefficients that the filter does not carry.
 
-   The first `known` of them are constants of the flow that the filter takes as known, by their index among all constants, or what
-   moves by its start alone, at an index below zero:
-   then the sums are score and information of a likelihood in which they are parameters.  The others are coefficients of
-   effects that are zero, the last among the constants.
+   The first `known` of them are constants of the flow that the filter takes as known, by their index among all constants,
+   or what moves by its start alone, at an index below zero: then the sums are score and information of a likelihood in
+   which they are parameters.  The others are coefficients of effects that are zero, the last among the constants.
 
-   delta: sensitivity of the filter's estimates to them, carried on; turned: that of the reported angle, of two axes,
-   carried on and written to course at equal distances, the last time after the last sample.  equations receive, where
-   there are any, the innovations' sensitivities and behind them the innovation, all over its deviation; columns beyond
-   are left alone.  Samples around an innovation larger than `level` times its variance count less, in proportion: a jump
-   of the rate says nothing of an effect. */
+   delta: sensitivity of the filter's estimates to them, carried on; turned: that of the pattern angle of two axes, carried
+   on where it is given.  equations receive, where they are given, the innovations' sensitivities, behind them the
+   innovation, all over its deviation, and where there is room its logarithm; columns beyond are left alone. */
 typedef struct {
     whole n;
-    whole terms;           /* of the drive's polynomial in each interval */
-    whole warm;            /* 1: the temperature is measured */
-    whole count;           /* coefficients */
-    whole known;           /* constants of the flow among them */
-    whole weighed;         /* 1: equations are filled */
-    whole turning;         /* 1: the reported angle is followed, over this block and the next */
-    whole width;           /* numbers in a row of equations */
-    whole instants;        /* rows of course */
-    const whole *constants; /* (known,) */
-    const real *z;         /* (n, axes) measured */
-    const real *u;         /* (n, axes, terms) drive over the interval that ends at each sample */
-    const real *h;         /* (n,) its length */
-    const real *temperature; /* (n,) */
-    Output *rows;          /* (n,) the estimates */
-    real *delta;           /* (states + active constants, count) */
-    real *equations;       /* (axes n, width) */
-    real *turned;          /* (count,) */
-    real *course;          /* (instants, count) */
-    real *scratch;         /* scan_scratch numbers */
-    real level;
+    whole terms;             /* of the drive's polynomial in each interval */
+    whole count;             /* coefficients */
+    whole known;             /* constants of the flow among them */
+    whole width;             /* numbers in a row of equations */
+    const whole *constants;  /* (known,) */
+    const real *z;           /* (n, axes) measured */
+    const real *u;           /* (n, axes, terms) drive over the interval that ends at each sample */
+    const real *h;           /* (n,) its length */
+    const real *temperature; /* (n,), where it is measured */
+    real *delta;             /* (states + active constants, count) */
+    real *equations;         /* (axes n, width) */
+    real *turned;            /* (count,) */
+    real *scratch;           /* (2 constants + 6 count,) */
 } Scan;
 
 /* A scan while a block is gone through. */
@@ -296,17 +286,11 @@ static inline void pull(whole row, const real *gain, const Following *follow)
 static inline void recall(const Observer *observer, real *scratch, const Following *follow)
 {
     for (whole turn = 0; turn <= observer->count; turn++) {
-        whole index = turn == 0 ? observer->memory->cursor : turn - 1;
-        whole row = observer->settings->states + index;
-        real noise = observer->prior[index], spread = observer->spread[index];
-        if (turn > 0) {
-            real variance = observer->p[row * observer->width + row];
-            int wide = spread > R(0.0) && variance > spread;
-            noise = wide ? variance * spread / (variance - spread) : R(0.0);
-        }
+        whole index;
+        real noise = forgotten(observer, turn, &index);
         if (noise > R(0.0)) {
             recall_initial(observer, index, noise, scratch);
-            pull(row, scratch, follow);
+            pull(observer->settings->states + index, scratch, follow);
         }
     }
 }
@@ -333,13 +317,13 @@ static inline int show(const Settings *settings, const Sample *sample, const Wor
 
 /* A sample's rows of the equations, whitened: over the deviations of the innovations, the second less what the first
    says of it.  Behind the innovation, where there is room, the logarithm of the deviation. */
-static inline void write_equations(const Settings *settings, const Memory *memory, const Scan *scan, real *equations,
-                                   const Workspace *work, const Following *follow)
+static inline void write_equations(const Settings *settings, const Scan *scan, real *equations, const Workspace *work,
+                                   const Following *follow)
 {
     whole count = scan->count;
-    real root = SQRT(memory->nis > scan->level ? scan->level / memory->nis : R(1.0)), *first = NULL;
+    real *first = NULL;
     for (whole axis = 0; axis < settings->axes; axis++) {
-        real weight = root / work->deviation[axis];
+        real weight = R(1.0) / work->deviation[axis];
         real *row = equations + axis * scan->width;
         for (whole k = 0; k < count; k++)
             row[k] = weight * follow->signature[axis * count + k];
@@ -350,12 +334,6 @@ static inline void write_equations(const Settings *settings, const Memory *memor
             row[count + 1] = LOG(work->deviation[axis]);
         first = row;
     }
-}
-
-/* Where `Following` has its scratch of a scan, and how much that takes: numbers of `scratch`. */
-static inline whole scan_scratch(whole count, whole constants)
-{
-    return 2 * constants + (2 + 4) * count;
 }
 
 static inline Following following(const Observer *observer, const Scan *scan)
@@ -381,10 +359,10 @@ static inline Following following(const Observer *observer, const Scan *scan)
     return follow;
 }
 
-/* Sample m: observe it as `observe_block` does, and follow what is watched; row receives what the observer makes of it,
-   equations its rows. */
-static inline void scan_sample(const Observer *observer, const Scan *scan, whole m, Output *row, real *equations,
-                               Workspace *work, Following *follow)
+/* Sample m: observe it as `observe_block` does, and follow what is watched; equations (axes, width), where there are any,
+   receive its rows. */
+static inline void scan_sample(const Observer *observer, const Scan *scan, whole m, real *equations, Workspace *work,
+                               Following *follow)
 {
     const Settings *settings = observer->settings;
     Memory *memory = observer->memory;
@@ -394,9 +372,9 @@ static inline void scan_sample(const Observer *observer, const Scan *scan, whole
     forgetful.prior = forgetful.spread = nothing;
     const Sample sample = {scan->z + m * axes, scan->u + m * axes * scan->terms, scan->terms, scan->h[m]};
     real *x = observer->x, before[4], foreseen[4];
-    int turning = axes == 2 && memory->started == 1 && scan->turning == 1;
+    int turning = axes == 2 && memory->started == 1 && scan->turned != NULL;
     real rotation = memory->rotation, rate = memory->rate;
-    if (scan->warm)
+    if (scan->temperature)
         memory->temperature = scan->temperature[m];
     if (follow->watched > 0 && sample.h != follow->length)
         responses(settings, x + states, follow->length = sample.h, &work->flow, follow);
@@ -416,16 +394,10 @@ static inline void scan_sample(const Observer *observer, const Scan *scan, whole
         watch_sensed(settings, x, sample.u, sample.terms, follow, work);
     }
     correct(&forgetful, &sample, work);
-    memory->time += sample.h;
-    remember_drive(settings, memory, sample.u, sample.terms);
-    for (whole axis = 0; axis < axes; axis++) {
-        row->nu[axis] = work->innovation[axis];
-        row->s[axis] = work->variance[axis];
-    }
+    end_sample(observer, &sample, work, observer->rows);
     know_sensed(settings, follow, work);
-    if (follow->watched > 0) {
+    if (follow->watched > 0)
         add_forced(settings, memory, before, x + states, &sample, follow, work);
-    }
     int usable = show(settings, &sample, work, follow);
     if (turning && follow->rate_row >= 0)
         add_scaled(follow->turned, follow->delta + follow->rate_row * count, sample.h, count);
@@ -439,34 +411,34 @@ static inline void scan_sample(const Observer *observer, const Scan *scan, whole
             else
                 add_scaled(follow->delta + j * count, seen, gain[0], count);
         }
-        if (scan->weighed)
-            write_equations(settings, memory, scan, equations, work, follow);
+        if (equations)
+            write_equations(settings, scan, equations, work, follow);
         if (settings->fade > R(1.0) && runs_riccati(settings, memory))
             recall(observer, work->projected, follow);
     }
     if (axes == 2)
-        read_angle(settings, memory, x, sample.h, row);
+        read_angle(settings, memory, x, sample.h, observer->rows);
     if (turning && settings->open_loop == 0)
         add_turn(settings, x, memory->rotation, memory->rate, R(-1.0), follow);
+}
+
+/* An observer made ready for a scan, and what follows it. */
+static inline Observer begin_scan(Estimator *estimator, const Scan *scan, Following *follow)
+{
+    Observer observer = widened(estimator);
+    *follow = following(&observer, scan);
+    workspace_begin(&estimator->work, observer.settings, observer.n, observer.total - follow->watched);
+    return observer;
 }
 
 /* Observe n samples, and follow what is watched. */
 static inline void scan_block(Estimator *estimator, const Scan *scan)
 {
-    const Observer observer = widened(estimator);
-    const Settings *settings = observer.settings;
-    Workspace *work = &estimator->work;
-    whole axes = settings->axes, written = 0;
-    Following follow = following(&observer, scan);
-    workspace_begin(work, settings, observer.n, observer.total - follow.watched);
+    Following follow;
+    const Observer observer = begin_scan(estimator, scan, &follow);
     for (whole m = 0; m < scan->n; m++) {
-        real *equations = scan->weighed ? scan->equations + axes * m * scan->width : NULL;
-        scan_sample(&observer, scan, m, scan->rows + m, equations, work, &follow);
-        if ((m + 1) * scan->instants >= (written + 1) * scan->n) {
-            for (whole k = 0; k < scan->count; k++)
-                scan->course[written * scan->count + k] = scan->turned[k] / settings->angular_gain;
-            written++;
-        }
+        real *rows = scan->equations ? scan->equations + observer.settings->axes * m * scan->width : NULL;
+        scan_sample(&observer, scan, m, rows, &estimator->work, &follow);
     }
     settle(estimator, &observer);
 }

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from estimator.chance import chi2_isf
 from estimator.core.following import Portion, Signatures, scan_block
-from estimator.core.layout import OUTPUT
 from estimator.correlation import effective_samples
 from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
@@ -401,13 +400,8 @@ class _Run:
         delta = np.zeros((len(start), c + m + w))
         delta[:, c : c + m] = columns
         rows = np.zeros((len(z) * self.of.axes, c + m + w + 2))
-        nowhere: Array = np.zeros((0, c + m + w))
         index = np.concatenate([known, np.full(m, -1)]).astype(np.int64)
-        scan_block(
-            observer,
-            Portion(z, u, h, warmth, np.zeros(len(z), OUTPUT)),
-            Signatures(delta, np.inf, rows, np.zeros(c + m + w), nowhere, index),
-        )
+        scan_block(observer, Portion(z, u, h, warmth), Signatures(delta, rows, known=index))
         rows[~np.isfinite(record.sense).ravel(), -1] = np.nan
         return rows
 

@@ -11,6 +11,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.core.following import Portion
 from estimator.core.likelihood import Pass, Samples
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Coefficient as EffectCoefficient
@@ -560,7 +561,7 @@ def _over(
     skip = int(np.ceil(START_CYCLES * 2.0 * np.pi / observer.h))
     watched = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
     rows = observer.states + len(observer.active)
-    samples = Samples(z, u, h, warmth, np.linspace(0, len(record), BLOCKS + 1).astype(np.int64), skip)
+    samples = Samples(Portion(z, u, h, warmth), np.linspace(0, len(record), BLOCKS + 1).astype(np.int64), skip)
     found = Pass(samples, rows, known, watched, others, shifts)
     for begin, end, spread in _pieces(record):
         stop_if_abandoned()
