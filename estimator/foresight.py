@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.core.board import BOARD, follow, foresee, tell
+from estimator.core.board import follow, foresee, tell
+from estimator.core.layout import BOARD
 from estimator.gain_matrix import BoardFilter
 from estimator.observer import Observer
 from estimator.scaling import Array

@@ -13,7 +13,7 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 
 RADIUS = 0.7
-_FOLDING = Arguments("core.c", "Folding")
+_FOLDING = Arguments("gain_matrix.h", "Folding")
 LIBRARY.estimator_gains.argtypes = (ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64)
 _CONDITION = 1e6  # of the signals by the motion; beyond it rounding and noise are all there is
 
@@ -56,15 +56,15 @@ class GainMatrix:
 
     def __init__(self, observer: Observer, board: BoardFilter) -> None:
         self._observer, self._board = observer, board
-        a, b, c = (np.array(part, dtype=float) for part in (board.a, board.b, board.c))
         self._gain = np.zeros((2, 4))
         self._bias = np.zeros(2)
         drives, senses = (_signs(observer, f"{channel}_polarity") for channel in ("drive", "sense"))
         turns = np.outer(drives, np.repeat(senses, 2))
         arrays, signals = observer.arrays, np.zeros((4, 4))
         self._folding = _FOLDING(
-            total=len(arrays.x), delay=board.delay, settings=arrays.settings, memory=arrays.memory, x=arrays.x, a=a,
-            b=b, c=c, turns=turns, gain=self._gain, bias=self._bias, motion=signals,
+            total=len(arrays.x), delay=board.delay, settings=arrays.settings, memory=arrays.memory, x=arrays.x,
+            a=(*board.a[0], *board.a[1]), b=board.b, c=board.c, turns=turns, gain=self._gain, bias=self._bias,
+            motion=signals,
         )  # fmt: skip
         LIBRARY.gyro_filtered_swing(self._folding)
         if not np.linalg.cond(signals) < _CONDITION:

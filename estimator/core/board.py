@@ -6,19 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.core.arguments import Arguments, header
 from estimator.core.layout import Floats, Record
 from estimator.core.library import LIBRARY
 
-BOARD = header("foresight.h").row("Board")
-_CARRIED = Arguments("entries_trace.h", "Foresight")
-
-LIBRARY.gyro_board_size.restype = ctypes.c_int64
 _ADDRESS, _COUNT = ctypes.c_void_p, ctypes.c_int64
 LIBRARY.estimator_board_follow.argtypes = (_ADDRESS, _COUNT, _ADDRESS, _COUNT, _COUNT)
 LIBRARY.estimator_board_tell.argtypes = (_ADDRESS, _ADDRESS, _ADDRESS, _COUNT)
-if LIBRARY.gyro_board_size() != BOARD.itemsize:
-    raise ImportError(f"a board of {LIBRARY.gyro_board_size()} bytes, expected {BOARD.itemsize}; run `make install`")
+LIBRARY.gyro_board_foresee.argtypes = (_ADDRESS, _ADDRESS, _ADDRESS, _COUNT, _COUNT, _ADDRESS)
 
 
 def follow(board: Record, first: int, codes: NDArray[Any]) -> None:
@@ -41,5 +35,7 @@ def foresee(settings: Record, board: Record, x: Floats, first: int, rows: int) -
     x is the state vector at the row before.  Returns the drive codes (rows, 2) over the interval that ends at each.
     """
     drives = np.zeros((rows, 2))
-    LIBRARY.gyro_board_foresee(_CARRIED(first=first, rows=rows, board=board, settings=settings, x=x, drives=drives))
+    LIBRARY.gyro_board_foresee(
+        settings.ctypes.data, board.ctypes.data, x.ctypes.data, first, rows, drives.ctypes.data
+    )  # fmt: skip
     return drives

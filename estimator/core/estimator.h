@@ -10,11 +10,10 @@
 /* An observer as Python has it, its covariances (n, n), with scratch; a pointer to it is one to that. */
 typedef struct {
     Observer observer;
-    double sample[4]; /* vx, vy, ux, uy in codes */
-    double codes[2];  /* the drive to send */
-    Workspace work;
+    real unused[5]; /* what follows begins at a line of the cache: a load across two takes longer */
     real wide_p[MAX_ENTRIES * MAX_WIDTH];
     real wide_c[MAX_ENTRIES * MAX_WIDTH];
+    Workspace work;
 } Estimator;
 
 /* A record to go through: z (n, axes), u (n, axes, terms) the drive over the interval that ends at each sample, h (n,),
@@ -80,7 +79,7 @@ static inline void note_applied(const Settings *settings, Memory *memory, const 
 }
 
 /* Run the observer over a record; the number of state rows written. */
-static inline whole observe_block(Estimator *estimator, const Block *block)
+EXPORTED int64_t gyro_observe_block(Estimator *estimator, const Block *block)
 {
     const Observer observer = widened(estimator);
     const Settings *settings = observer.settings;

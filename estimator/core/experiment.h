@@ -34,7 +34,7 @@ static inline void experiment_device(const Settings *settings, real rate, real h
         s[i] = work->out[i * work->columns];
 }
 
-static inline void experiment_block(Estimator *estimator, const Experiment *plan)
+EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan)
 {
     Settings *settings = plan->settings;
     whole states = settings->states, latency = settings->latency;

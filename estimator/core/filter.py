@@ -1,7 +1,6 @@
 """The filter of one observer in the core: its arrays by their addresses, with the scratch that C works in."""
 
 import ctypes
-import struct
 from typing import Any
 
 import numpy as np
@@ -9,20 +8,18 @@ from numpy.typing import NDArray
 
 from estimator.core.arguments import Arguments
 from estimator.core.layout import MEMORY, OUTPUT, SETTINGS, TRIMS
-from estimator.core.library import LIBRARY
+from estimator.core.library import ESTIMATOR_BYTES, LIBRARY
 from estimator.core.structures import Arrays
 
 Array = NDArray[np.float64]
 
-_places = (ctypes.c_int64 * 3)()
-LIBRARY.gyro_estimator_places(_places)
-_SIZE, _SAMPLE, _CODES = _places
 _OBSERVER, _BLOCK = Arguments("structs.h", "Observer"), Arguments("estimator.h", "Block")
 _GATHERING = Arguments("stationary.h", "Gathering")
 _KINDS = {"settings": SETTINGS, "memory": MEMORY, "rows": OUTPUT, "active": np.dtype(np.int64), "trims": TRIMS}
+_LINE = 64  # bytes of a line of the cache, at which `Estimator` begins
 STEP = ctypes.cast(LIBRARY.estimator_tick, ctypes.c_void_p).value or 0
 """Address of the function by which a caller in C has a filter take a sample and answer it."""
-_write, _read = struct.Struct("4d").pack_into, struct.Struct("2d").unpack_from
+LIBRARY.estimator_tick.argtypes = (ctypes.c_void_p, *4 * (ctypes.c_double,), ctypes.c_void_p)
 
 
 class Filter:
@@ -35,22 +32,20 @@ class Filter:
         given = arrays._asdict()
         for name, array in given.items():
             _require(name, array, _KINDS.get(name, np.dtype(float)))
-        self._buffer = np.zeros(_SIZE, np.uint8)
+        self._buffer = np.zeros(ESTIMATOR_BYTES + _LINE, np.uint8)
+        self.address = -(-int(self._buffer.ctypes.data) // _LINE) * _LINE
         self._held = _OBSERVER(
             count=len(arrays.active), n=len(arrays.p), width=len(arrays.p), total=len(arrays.x),
             angles=arrays.table.shape[0], phases=arrays.table.shape[1], **given,
         )  # fmt: skip
-        ctypes.memmove(self._buffer.ctypes.data, self._held, ctypes.sizeof(self._held.contents))
-        self.address = int(self._buffer.ctypes.data)
-        self._bytes = self._buffer.data
+        ctypes.memmove(self.address, self._held, ctypes.sizeof(self._held.contents))
         self._here = ctypes.c_void_p(self.address)
-        self._tick = LIBRARY.gyro_tick
+        self._tick, self._codes = LIBRARY.estimator_tick, (ctypes.c_double * 2)()
 
     def tick(self, vx: float, vy: float, ux: float, uy: float) -> tuple[int, int]:
         """One sample of the closed loop: sense codes (NaN where lost) and echoed drive codes in, drive codes out."""
-        _write(self._bytes, _SAMPLE, vx, vy, ux, uy)
-        self._tick(self._here)
-        x, y = _read(self._bytes, _CODES)
+        self._tick(self.address, vx, vy, ux, uy, self._codes)
+        x, y = self._codes
         return int(x), int(y)
 
     def run(

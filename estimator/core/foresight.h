@@ -39,7 +39,7 @@ static whole board_place(whole tick, whole size)
 }
 
 /* A matrix was sent to it, in force from the tick `effective` on. */
-static void board_tell(Board *board, const real *gain, const real *bias, whole effective)
+EXPORTED void estimator_board_tell(Board *board, const real *gain, const real *bias, whole effective)
 {
     memcpy(board->next_gain, gain, sizeof board->next_gain);
     memcpy(board->next_bias, bias, sizeof board->next_bias);
@@ -90,7 +90,7 @@ static void board_sampled(Board *board, whole tick, real vx, real vy)
 
 /* Carry the board over rows that were received: codes (rows, columns), of which the first two are those sampled, from
    tick `first` on. */
-static void board_follow(Board *board, whole first, const int32_t *codes, whole rows, whole columns)
+EXPORTED void estimator_board_follow(Board *board, whole first, const int32_t *codes, whole rows, whole columns)
 {
     for (whole row = 0; row < rows; row++)
         board_sampled(board, first + row, (real)codes[row * columns], (real)codes[row * columns + 1]);
@@ -100,7 +100,8 @@ static void board_follow(Board *board, whole first, const int32_t *codes, whole 
 
    x is the state vector at the row before; drives (rows, 2) receives the drive codes over the interval that ends at
    each. */
-static void board_foresee(const Settings *settings, Board *board, const real *x, whole first, whole rows, real *drives)
+EXPORTED void gyro_board_foresee(const Settings *settings, Board *board, const real *x, whole first, whole rows,
+                                 real *drives)
 {
     const real *constants = x + settings->states;
     real motion[4] = {x[0], x[1], x[2], x[3]}, term[4], codes[2];

@@ -20,13 +20,25 @@
 #include "layout.h"
 #include "taylor.h"
 
-/* Of a board: s[m] = a s[m-1] + b v[m] + c v[m - delay] for each axis. */
+/* What a gain matrix is solved with, and into: x (total,); a board's filter, s[m] = a s[m-1] + b v[m] + c v[m - delay] for
+   each axis; turns (2, 4): -1 where the drive of a row and the channel of a column are turned round to one another; gain
+   (2, 4), bias (2,); motion (4, 4) what the filter makes of a motion. */
 typedef struct {
+    whole total;
+    whole delay;
+    const Settings *settings;
+    const Memory *memory;
+    const real *x;
     real a[4];
     real b[2];
     real c[2];
-    whole delay;
-} BoardFilter;
+    const real *turns;
+    real *gain;
+    real *bias;
+    real *motion;
+} Folding;
+
+#define UNCHANGED R(0.25) /* of a hold's work may be done with one matrix: it is measured before and replaced after */
 
 /* out (rows, columns) <- p (rows, inner) q (inner, columns); out is none of them. */
 static inline void multiply(const real *p, const real *q, int rows, int inner, int columns, real *out)
@@ -205,8 +217,9 @@ static inline void force_of_motion(const Settings *settings, const real *c, cons
 }
 
 /* s (4, 4) <- what the board's filter makes of the motion X[m+1] = e X[m], in sense codes. */
-static inline void filtered_motion(const Settings *settings, const real *e, const BoardFilter *board, real *s)
+static inline void filtered_motion(const Folding *board, const real *e, real *s)
 {
+    const Settings *settings = board->settings;
     real back[16], inverse[16], before[16], less[4], one[4];
     memcpy(back, e, sizeof back);
     unit(inverse, 4);
@@ -227,18 +240,26 @@ static inline void filtered_motion(const Settings *settings, const real *e, cons
     }
 }
 
-/* gain (2, 4) and bias (2,) in drive codes for the state vector x and the board's filter, in force from `ahead` of it in
-   time on; turns (2, 4): -1 where the drive of a row and the channel of a column are turned round to one another.  An
-   offset is added to what a channel shows, whichever way round that is. */
-static inline void gain_matrix(const Settings *settings, const Memory *memory, const real *x, const BoardFilter *board,
-                               const real *turns, real fastest, real ahead, real *gain, real *bias)
+/* Gain and bias in drive codes for the newest estimate, zeros where that is not finite: for `horizon` samples from the
+   estimate to the end of what they will be used for, in force `later` samples from it on.  An offset is added to what a
+   channel shows, whichever way round that is. */
+EXPORTED void estimator_gains(const Folding *board, int64_t horizon, int64_t later)
 {
+    const Settings *settings = board->settings;
+    real fastest = UNCHANGED / ((real)horizon * settings->h), ahead = (real)later * settings->h;
+    real *gain = board->gain, *bias = board->bias;
+    const real *x = board->x, *turns = board->turns;
     real m[16], e[16], force[8], signals[16], turned[16], columns[8], still[2], rest[4];
     const real *c = x + settings->states;
-    target_motion(settings, memory, x, fastest, ahead, m);
+    memset(gain, 0, 8 * sizeof *gain);
+    memset(bias, 0, 2 * sizeof *bias);
+    for (whole i = 0; i < board->total; i++)
+        if (!isfinite(x[i]))
+            return;
+    target_motion(settings, board->memory, x, fastest, ahead, m);
     exponential(m, settings->h, settings->order, e);
     force_of_motion(settings, c, e, force);
-    filtered_motion(settings, e, board, signals);
+    filtered_motion(board, e, signals);
     for (int i = 0; i < 4; i++) {
         for (int j = 0; j < 4; j++)
             turned[4 * i + j] = signals[4 * j + i];
@@ -263,6 +284,16 @@ static inline void gain_matrix(const Settings *settings, const Memory *memory, c
             bias[i] -= (gain[4 * i + 2 * axis] * still[0] + gain[4 * i + 2 * axis + 1] * still[1]) * offset;
         }
     }
+}
+
+/* What a board's filter makes of the motion of an ideal oscillator at rest. */
+EXPORTED void gyro_filtered_swing(const Folding *board)
+{
+    real swing[16] = {R(0.0)}, e[16];
+    swing[1] = swing[11] = R(1.0);
+    swing[4] = swing[14] = R(-1.0);
+    exponential(swing, board->settings->h, board->settings->order, e);
+    filtered_motion(board, e, board->motion);
 }
 
 #endif

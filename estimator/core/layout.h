@@ -56,6 +56,8 @@ typedef int32_t whole;
 typedef int64_t whole;
 #endif
 
+#define EXPORTED __attribute__((visibility("default"))) /* called from outside the library */
+
 #define PI R(3.14159265358979323846)
 #define HALF_TURN 3.14159265358979323846 /* in 64 bits, as all that grows with every turn */
 

@@ -1,5 +1,5 @@
 """Records that Python and the core share, as layout.h declares them: settings (written once), memory (carried from
-sample to sample), output (one row a sample), trims of an observer.
+sample to sample), output (one row a sample), trims of an observer, a board in gain mode.
 
 All numbers are scaled: time by 1/ω0, length by the nominal amplitude.
 """
@@ -15,7 +15,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Record = NDArray[np.void]  # one row of a dtype below
 
-_HEADER = Header(Path(__file__).with_name("layout.h"), {})
+_HERE = Path(__file__).parent
+_HEADER = Header(_HERE / "layout.h", {})
 
 NUMBERS = _HEADER.numbers
 """That it defines, by name."""
@@ -28,3 +29,4 @@ MAX_LATENCY, MAX_AXES, MAX_EFFECTS, MAX_SIGNALS, MAX_SLIPS, MAX_DEGREE, MAX_DELA
 PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
 
 SETTINGS, MEMORY, OUTPUT, TRIMS = (_HEADER.row(name) for name in ("Settings", "Memory", "Output", "Trims"))
+BOARD = Header(_HERE / "foresight.h", NUMBERS).row("Board")

@@ -56,7 +56,7 @@ static inline whole take_rows(const Scan *scan, const Likelihood *pass, whole ax
     return kept;
 }
 
-static inline void likelihood_pass(Estimator *estimator, const Scan *scan, const Likelihood *pass)
+EXPORTED void gyro_likelihood_pass(Estimator *estimator, const Scan *scan, const Likelihood *pass)
 {
     Following follow;
     const Observer observer = begin_scan(estimator, scan, &follow);

@@ -28,10 +28,9 @@
 /* p <- F p F' of two axes: T = g' p, of which the constants' part is the states' new one, and their square T g. */
 static inline void propagate_two(real *p, whole n, whole width, const real *g, real *scratch)
 {
-    whole fours = width - width % 4;
     real *mirror = scratch + 4 * width; /* T, column by column */
-    for (whole j = 0; j < fours; j += 8) { /* eight columns by each of g; an odd four is done twice */
-        whole l = j + 4 < fours ? j + 4 : j;
+    for (whole j = 0; j < width; j += 8) { /* eight columns by each of g; an odd four is done twice */
+        whole l = j + 4 < width ? j + 4 : j;
         four a = take4(p + j), t0 = scale4(g[0], a), t1 = scale4(g[1], a), t2 = scale4(g[2], a), t3 = scale4(g[3], a);
         four b = take4(p + l), v0 = scale4(g[0], b), v1 = scale4(g[1], b), v2 = scale4(g[2], b), v3 = scale4(g[3], b);
         for (whole k = 1; k < n; k++) {
@@ -52,12 +51,6 @@ static inline void propagate_two(real *p, whole n, whole width, const real *g, r
         put_columns4(mirror + 4 * j, t0, t1, t2, t3);
         put_columns4(mirror + 4 * l, v0, v1, v2, v3);
     }
-    for (whole j = fours; j < n; j++) {
-        four column = scale4(p[j], take4(g));
-        for (whole k = 1; k < n; k++)
-            column = add4(column, scale4(p[k * width + j], take4(g + 4 * k)));
-        put4(mirror + 4 * j, column);
-    }
     four q = take4(g);
     four t0 = scale4(mirror[0], q), t1 = scale4(mirror[1], q), t2 = scale4(mirror[2], q), t3 = scale4(mirror[3], q);
     for (whole k = 1; k < n; k++) {
@@ -72,10 +65,8 @@ static inline void propagate_two(real *p, whole n, whole width, const real *g, r
     for (whole i = 0; i < 4; i++) {
         for (whole j = i + 1; j < 4; j++)
             p[j * width + i] = p[i * width + j];
-        for (whole j = 4; j < fours; j += 4)
+        for (whole j = 4; j < width; j += 4)
             put4(p + i * width + j, take4(scratch + i * width + j));
-        for (whole j = fours; j < n; j++)
-            p[i * width + j] = mirror[4 * j + i];
     }
     for (whole j = 4; j < n; j++)
         put4(p + j * width, take4(mirror + 4 * j));

@@ -85,7 +85,7 @@ static real turning_correct(const Turning *f, whole m)
 }
 
 /* The Riccati recursion over n samples. */
-static void follow_turning(const Turning *f)
+EXPORTED void gyro_turning(const Turning *f)
 {
     /* What a unit jump of the rate does: Euler's acceleration, and the rotation from the middle of the step on. */
     real jump[TURNED] = {R(0.0)}, total = R(0.0);

@@ -359,7 +359,7 @@ static inline Following following(const Observer *observer, const Scan *scan)
     return follow;
 }
 
-/* Sample m: observe it as `observe_block` does, and follow what is watched; equations (axes, width), where there are any,
+/* Sample m: observe it as `gyro_observe_block` does, and follow what is watched; equations (axes, width), where there are any,
    receive its rows. */
 static inline void scan_sample(const Observer *observer, const Scan *scan, whole m, real *equations, Workspace *work,
                                Following *follow)
@@ -432,7 +432,7 @@ static inline Observer begin_scan(Estimator *estimator, const Scan *scan, Follow
 }
 
 /* Observe n samples, and follow what is watched. */
-static inline void scan_block(Estimator *estimator, const Scan *scan)
+EXPORTED void gyro_scan_block(Estimator *estimator, const Scan *scan)
 {
     Following follow;
     const Observer observer = begin_scan(estimator, scan, &follow);

@@ -15,7 +15,7 @@ typedef struct {
 } Series;
 
 /* The play operator: follows the series at a distance of at most `size` (backlash). */
-static void play_behind(const Series *of)
+EXPORTED void gyro_play(const Series *of)
 {
     real at = of->n > 0 ? of->given[0] : R(0.0);
     for (whole k = 0; k < of->n; k++)

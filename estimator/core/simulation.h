@@ -2,6 +2,7 @@
 #ifndef GYRO_SIMULATION_H
 #define GYRO_SIMULATION_H
 
+#include "estimator.h"
 #include "flow.h"
 #include "sensing.h"
 #include "signals.h"
@@ -72,8 +73,13 @@ static inline void free_step(const Settings *settings, const FreeRun *run, whole
     }
 }
 
-static inline void free_run(const Settings *settings, const FreeRun *run, FlowWork *work)
+EXPORTED void gyro_free_run(Estimator *estimator, const FreeRun *run)
 {
+    Settings of_its_order = *estimator->observer.settings;
+    of_its_order.order = run->order;
+    workspace_begin(&estimator->work, &of_its_order, estimator->observer.n, run->total);
+    const Settings *settings = &of_its_order;
+    FlowWork *work = &estimator->work.flow;
     whole states = settings->states, axes = settings->axes, total = run->total, columns = work->columns;
     const real *c = run->x + states;
     Push *push = &work->push;

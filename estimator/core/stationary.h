@@ -2,10 +2,10 @@
 #ifndef GYRO_STATIONARY_H
 #define GYRO_STATIONARY_H
 
+#include "estimator.h"
 #include "layout.h"
 #include "observer.h"
 #include "pattern.h"
-#include "structs.h"
 
 /* How the orbit is gone along: rotation of its pattern, samples h apart, so many of them to settle, so many that count;
    sums of the gains, total (angles, phases, n, axes), and their number, weight (angles, phases). */
@@ -59,8 +59,10 @@ static inline whole cell_of(const real *s, whole angles, whole phases)
    The device has the constants in observer->x and is held on the orbit of the ideal controlled one, whose pattern
    precesses: the error system is the device's own, only its motion is the ideal one.  observer->p goes on; the samples
    to settle only bring it to its periodic state.  observer->x is written over in its states. */
-static inline void gather_gains(const Observer *observer, const Gathering *course, Workspace *work)
+EXPORTED void gyro_gather_gains(Estimator *estimator, const Gathering *course)
 {
+    const Observer wide = widened(estimator), *observer = &wide;
+    Workspace *work = workspace_of(estimator);
     const Settings *settings = observer->settings;
     whole states = settings->states, axes = settings->axes, n = observer->n, width = observer->width, cursor = 0;
     real *x = observer->x, *p = observer->p, *gain = work->gain, h = (real)course->h;
@@ -100,6 +102,7 @@ static inline void gather_gains(const Observer *observer, const Gathering *cours
             rank_one(p, n, width, row, recalled, prior[cursor], work->projected + width);
         }
     }
+    settle(estimator, observer);
 }
 
 #endif

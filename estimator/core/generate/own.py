@@ -7,12 +7,6 @@ from estimator.model.declaration import Model
 _HEAD = f"""/* Written from the declaration of one effect; not to be edited. */
 #include "own.h"
 
-#if defined(_WIN32)
-#define EXPORTED __declspec(dllexport)
-#else
-#define EXPORTED __attribute__((visibility("default")))
-#endif
-
 EXPORTED OwnEffect add;
 
 void add(whole what, {ARGUMENTS})
