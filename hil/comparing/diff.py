@@ -2,16 +2,20 @@
 
 import filecmp
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from hil.errors import InputError
 from hil.records.direct import DirectRecord
+from hil.records.figures import Known, of_run, of_trace
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+
+if TYPE_CHECKING:
+    from hil.records.diagnosis import Diagnosis
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ def _runs(a: Path, b: Path) -> Comparison:
     folders = RunFolder.open(a), RunFolder.open(b)
     results = [_result(folder) for folder in folders]
     same = same_record(folders[0].capture_path, folders[1].capture_path)
-    figures = _side_by_side(dict(_of_run(results[0])), dict(_of_run(results[1])), same)
+    figures = _side_by_side(_of_run(results[0]), _of_run(results[1]), same)
     verdicts = [result.verdict or "" for result in results]
     keys = keys_apart(folders[0].bench, folders[1].bench)
     return Comparison("run", a, b, verdicts[0], verdicts[1], same, figures, keys)
@@ -133,7 +137,7 @@ def _traces(a: Path, b: Path) -> Comparison:
 
     first, second = (load_diagnosis(place / "diagnosis.json") for place in (a, b))
     same = first.record == second.record
-    figures = _side_by_side(dict(_of_trace(first)), dict(_of_trace(second)), same)
+    figures = _side_by_side(_of_trace(first), _of_trace(second), same)
     benches = [RunFolder(place).bench for place in (a, b)]
     return Comparison("trace", a, b, first.verdict, second.verdict, same, figures, keys_apart(*benches))
 
@@ -154,51 +158,48 @@ def same_record(a: Path, b: Path) -> bool:
     return filecmp.cmp(a, b, shallow=False)
 
 
-_Value = tuple[str, float | None, float | None]  # unit, value, half width
+_ABOVE = {
+    "angle_rad": "angle at the end", "angle_error_rms_rad": "angle error, rms",
+    "angle_per_rotation": "angle per rotation", "rate_error_rms_rad_s": "rate error, rms",
+    "innovation_rms": "innovation, rms", "noise_floor": "noise floor",
+}  # fmt: skip
+_BELOW = {
+    "answered_fraction": "answered in time", "turnaround_p50_us": "turnaround p50",
+    "turnaround_p99_us": "turnaround p99", "turnaround_p999_us": "turnaround p99.9", "seconds": "length",
+}  # fmt: skip
+"""What figures of a run are called beside those of its parameters, in this order."""
+_HELD_OUT = {"ratio": "residual over floor, held out", "innovation_rms": "residual, rms, held out"}
 
 
-def _of_run(result: Result) -> Iterator[tuple[str, _Value]]:
-    if result.angle is not None:
-        yield "angle at the end", ("rad", result.angle.rad, result.angle_expanded_rad)
-    yield "angle error, rms", ("rad", result.angle_error_rms_rad, None)
-    if result.score is not None:
-        yield "angle per rotation", ("", result.score.angle_per_rotation, None)
-    yield "rate error, rms", ("rad/s", result.rate_error_rms_rad_s, None)
-    yield "innovation, rms", ("V", result.innovation_rms, None)
-    yield "noise floor", ("V", result.noise_floor, None)
-    for name, parameter in result.parameters.items():
-        yield name, (parameter.unit, parameter.value, parameter.half)
-    if (answers := result.answers) is not None and answers.ticks:
-        yield "answered in time", ("%", 100.0 * answers.in_time / answers.ticks, None)
-    if (times := result.turnaround_us) is not None:
-        for share, value in (("p50", times.p50), ("p99", times.p99), ("p99.9", times.p999)):
-            yield f"turnaround {share}", ("µs", value, None)
-    yield "length", ("s", result.seconds, None)
+def _of_run(result: Result) -> dict[str, Known]:
+    found = _called(of_run(result), _ABOVE | {name: name for name in result.parameters} | _BELOW)
+    if (share := found.get("answered in time")) is not None:
+        found["answered in time"] = share._replace(value=100.0 * share.value, unit="%")
+    return found
 
 
-def _of_trace(found: Any) -> Iterator[tuple[str, _Value]]:
-    for part, fit in (("before", found.held_out.before), ("after", found.held_out.after)):
-        yield f"residual over floor, held out, {part}", ("", fit.ratio, None)
-        yield f"residual, rms, held out, {part}", (found.sense_unit, fit.innovation_rms, None)
-    yield "largest change of the angle", ("rad", found.angle_moved_rad, None)
+def _of_trace(found: "Diagnosis") -> dict[str, Known]:
+    names = {f"{name}_{part}": f"{words}, {part}" for part in ("before", "after") for name, words in _HELD_OUT.items()}
+    names["angle_moved_rad"] = "largest change of the angle"
     for effect in found.effects:
-        yield f"{effect.name}: evidence", ("", effect.evidence, None)
-        for symbol, one in effect.coefficients.items():
-            yield f"{effect.name}: {symbol}", (one.unit, one.value, _half(*one.ci95))
+        names |= {f"{effect.name}.{one}": f"{effect.name}: {one}" for one in ("evidence", *effect.coefficients)}
+    return _called(of_trace(found), names)
 
 
-def _half(low: float | None, high: float | None) -> float | None:
-    return None if low is None or high is None else 0.5 * (high - low)
+def _called(figures: Iterable[Known], names: Mapping[str, str]) -> dict[str, Known]:
+    """Those that have one of these names, in their order, by what they are called here."""
+    known = {one.name: one for one in figures}
+    return {called: known[name] for name, called in names.items() if name in known}
 
 
-def _side_by_side(a: Mapping[str, _Value], b: Mapping[str, _Value], same: bool) -> tuple[Figure, ...]:
+def _side_by_side(a: Mapping[str, Known], b: Mapping[str, Known], same: bool) -> tuple[Figure, ...]:
     """All figures that one of the two has, in the order of the first."""
-    absent: _Value = ("", None, None)
     both = []
     for name in dict.fromkeys([*a, *b]):
-        (unit, value_a, u_a), (other, value_b, u_b) = a.get(name, absent), b.get(name, absent)
-        if (value_a, value_b) != (None, None):
-            both.append(Figure(name, unit or other, value_a, value_b, u_a, u_b, same))
+        one, other = a.get(name), b.get(name)
+        unit = (one and one.unit) or (other and other.unit) or ""
+        values = (one and one.value, other and other.value, one and one.u, other and other.u)
+        both.append(Figure(name, unit, *values, same))
     return tuple(both)
 
 

@@ -15,11 +15,11 @@ from typing import Any, Literal, NamedTuple
 from hil.errors import InputError, printable
 from hil.records.blocks import opened, read_opening
 from hil.records.direct import DirectRecord
+from hil.records.figures import Known, of_run, of_trace
 from hil.records.listing import PARTS, Kind, beside_runs, listed_kind
 from hil.records.occupied import is_occupied
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
-from hil.service.catalogue.figures import Known, of_run, of_trace
 from hil.service.catalogue.marks import Marks, read_marks
 
 State = Literal["done", "running", "interrupted", "recorded", "unreadable"]

@@ -12,9 +12,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from hil.errors import InputError
+from hil.records.figures import HEADLINES
 from hil.records.listing import Kind
 from hil.service.catalogue.catalogue import Catalogue
-from hil.service.catalogue.figures import HEADLINES
 from hil.service.problems import Problem, Unknown
 
 MOST = 1000

@@ -1,4 +1,4 @@
-"""The figures of a run and of a trace by name, as the catalogue keeps them."""
+"""The figures of a run and of a trace by name: what the catalogue keeps, and two of them are compared by."""
 
 import math
 from collections.abc import Iterator
@@ -126,8 +126,4 @@ def _times(name: str, times: Percentiles | None) -> Iterator[_Told]:
 
 def _half_of(one: "Coefficient") -> float | None:
     low, high = one.ci95
-    return None if low is None or high is None else _half(low, high)
-
-
-def _half(low: float, high: float) -> float:
-    return 0.5 * (high - low)
+    return None if low is None or high is None else 0.5 * (high - low)
