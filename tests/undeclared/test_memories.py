@@ -1,4 +1,6 @@
-"""A spring that slips, hidden in an emulated device: a trace tells its stiffness and its reach."""
+"""Springs with a memory, hidden in an emulated device: a trace tells what each is, its stiffness and its reach."""
+
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -14,12 +16,14 @@ RATE, SAMPLES, MASS = 4000.0, 8000, 1e-3
 K, D = OMEGA**2, 6.0
 NOISE_M = 1e-7
 FULL_SCALE = 10.0 / 2**15
-HIDDEN = {"name": "hysteretic_stiffness", "khx": 0.02 * K, "khy": 0.02 * K, "reach": 3e-5}
-NAME = HIDDEN["name"]
+MEMORIES = {"play": ("kp", "half_width"), "hysteretic_stiffness": ("kh", "reach")}
+"""Of each, what its stiffness and its length are called."""
 
 
-def emulated(start_m: float, push: np.ndarray, hidden: bool) -> Record:
-    """What the x axis of the emulated device shows, with noise, and what drove it, m/s²."""
+def emulated(start_m: float, push: np.ndarray, name: str, share: float, length: float) -> Record:
+    """What the x axis of the emulated device shows, with noise, and what drove it, m/s²; share: of the spring's
+    stiffness, 0 for none.
+    """
     truth = {
         "mass_kg": MASS,
         "stiffness_N_per_m": [K * MASS, K * MASS, 0.0],
@@ -27,24 +31,26 @@ def emulated(start_m: float, push: np.ndarray, hidden: bool) -> Record:
         "position_m": [start_m, 0.0],
         "velocity_mps": [0.0, 0.0],
     }
+    stiffness, reach = MEMORIES[name]
+    hidden = {"name": name, f"{stiffness}x": share * K, f"{stiffness}y": share * K, reach: length}
     codes = undriven(SAMPLES)
     codes[:, 0] = np.round(push / FULL_SCALE)
-    x = record(scenario({"truth": truth, "effect": [HIDDEN] if hidden else []}), codes).truth["x_m"]
+    x = record(scenario({"truth": truth, "effect": [hidden] if share else []}), codes).truth["x_m"]
     seen = x + NOISE_M * np.random.default_rng(4).standard_normal(SAMPLES)
     return Record(seen[:, None], FULL_SCALE * codes[:, :1, None], np.full(SAMPLES, 1.0 / RATE))
 
 
-def decay(hidden: bool = True) -> Record:
-    """Released from the nominal amplitude, until the spring slips no more."""
-    return emulated(AMPLITUDE_M, np.zeros(SAMPLES), hidden)
+def decay(name: str, share: float, length: float) -> Record:
+    """Released from the nominal amplitude, until nothing slips any more."""
+    return emulated(AMPLITUDE_M, np.zeros(SAMPLES), name, share, length)
 
 
-def driven() -> Record:
+def driven(name: str, share: float, length: float) -> Record:
     """Pushed by a dozen sines about the resonance, so that the amplitude beats."""
     rng, t = np.random.default_rng(1), np.arange(SAMPLES) / RATE
     sines = OMEGA * (1.0 + rng.uniform(-0.02, 0.02, 12)), rng.uniform(0.0, 2.0 * np.pi, 12)
     push = np.sum([np.sin(omega * t + phase) for omega, phase in zip(*sines, strict=True)], axis=0)
-    return emulated(0.0, 0.02 * K * AMPLITUDE_M * push / np.std(push), True)
+    return emulated(0.0, 0.02 * K * AMPLITUDE_M * push / np.std(push), name, share, length)
 
 
 def traced(what: Record) -> Diagnosis:
@@ -60,22 +66,25 @@ def traced(what: Record) -> Diagnosis:
     return trace(Problem(what, device, settings), split=round(0.6 * SAMPLES))
 
 
-@pytest.mark.parametrize("what", [decay, driven])
 @pytest.mark.long
-def test_it_is_named_with_its_coefficients(what) -> None:
-    said = traced(what())
+@pytest.mark.parametrize("name", MEMORIES)
+@pytest.mark.parametrize("what", [decay, driven])
+def test_it_is_named_with_its_coefficients(what: Callable[[str, float, float], Record], name: str) -> None:
+    stiffness, reach = MEMORIES[name]
+    said = traced(what(name, 0.02, 3e-5))
     assert said.verdict is Verdict.EXPLAINED
     (found,) = said.effects
-    assert found.name == NAME
-    for symbol in ("khx", "reach"):
+    assert found.name == name
+    for symbol, true in ((f"{stiffness}x", 0.02 * K), (reach, 3e-5)):
         interval = found.coefficients[symbol]
         half = 0.5 * (interval.high - interval.low)
-        assert half < 0.01 * HIDDEN[symbol]
-        assert abs(interval.value - HIDDEN[symbol]) < 1.5 * half, symbol
+        assert half < 0.01 * true
+        assert abs(interval.value - true) < 1.5 * half, symbol
 
 
 @pytest.mark.slow
-def test_a_spring_that_slips_nowhere_is_not_named() -> None:
-    said = traced(decay(hidden=False))
+@pytest.mark.parametrize(("kp", "half_width"), [(0.0, 3e-5), (0.02, 1.2e-4)], ids=["none", "below its half-width"])
+def test_where_nothing_slips_nothing_is_named(kp: float, half_width: float) -> None:
+    said = traced(decay("play", kp, half_width))
     assert (said.verdict, said.effects) == (Verdict.ADEQUATE, ())
-    assert NAME in [one.name for one in said.rejected]
+    assert set(MEMORIES) <= {one.name for one in said.rejected}
