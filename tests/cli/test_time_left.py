@@ -50,26 +50,6 @@ def test_a_stage_counts_down_at_its_pace_and_adds_what_follows() -> None:
     assert 0.0 < said[-1] < 40.0  # no more than was spent by then
 
 
-def test_as_many_rounds_of_free_runs_are_counted_on_as_there_may_be() -> None:
-    """Six of a minute at most, of which the first begins at none; then the refinement, which is the end."""
-    clock = Clock()
-    left = TimeLeft(clock=clock)
-    assert left.told("free runs", 0, 6) is None
-    for done in range(1, 4):
-        clock.now += 30.0
-        left.told("candidates", done, 9)
-        clock.now += 30.0
-        said = left.told("free runs", done, 6)
-        assert said is not None
-        assert (6 - done) * 60.0 <= said <= (6 - done) * 60.0 + 0.15 * 360.0
-    last = left.told("refinement", 0, 2)
-    assert last == said  # nothing is known of it yet
-    clock.now += 20.0
-    half = left.told("refinement", 1, 2)
-    assert half is not None
-    assert half == pytest.approx(20.0)
-
-
 def test_an_estimate_counts_down_and_rises_only_for_a_reason() -> None:
     clock = Clock()
     left = TimeLeft(clock=clock)

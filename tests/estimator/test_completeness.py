@@ -3,7 +3,6 @@
 import math
 from dataclasses import replace
 from functools import cache
-from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -331,19 +330,6 @@ def test_a_long_run_is_looked_at_in_its_beginning_its_middle_and_its_end() -> No
     assert parts[-1].stop == 6_000_000
     assert sum(part.stop - part.start for part in parts) <= 120_000
     assert stretches_of(96_000) == (slice(0, 96_000),)
-
-
-@pytest.mark.parametrize("settling", [0, 12_000, 120_000, 10**9])
-@pytest.mark.parametrize("samples", [120_001, 300_000, 400_000, 8_000_000])
-def test_where_an_observer_settles_slowly_the_stretches_are_longer(samples: int, settling: int) -> None:
-    parts = stretches_of(samples, settling)
-    assert (parts[0].start, parts[-1].stop) == (0, samples)
-    assert all(before.stop <= after.start for before, after in pairwise(parts))
-    assert sum(part.stop - part.start for part in parts) <= 40_000 + 2 * 160_000
-    if len(parts) == 3:  # half of a usual one is left behind it, as far as that may be
-        assert parts[1].stop - parts[1].start == parts[2].stop - parts[2].start == min(
-            max(40_000, settling + 20_000), 160_000
-        )  # fmt: skip
 
 
 def test_the_angle_counts_in_the_scored_window_alone(monkeypatch: pytest.MonkeyPatch) -> None:

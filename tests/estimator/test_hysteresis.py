@@ -12,6 +12,7 @@ from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.settings import Device, ObserverSettings, Sensed
 from estimator.simulation import simulate
+from tests.estimator.driven_axis import state_of
 from tests.estimator.flow_pieces import slid
 
 RATE, K, D = 500.0, (2.0 * np.pi * 20.0) ** 2, 3.0
@@ -43,16 +44,9 @@ def integrated(start, samples, push=lambda t: 0.0):
     return solve_ivp(slope, (0.0, t[-1]), (*start, 0.0), "RK45", t, rtol=1e-9, atol=1e-13, max_step=2e-5).y
 
 
-def with_values(observer, **values):
-    state = observer.state.copy()
-    for name, value in values.items():
-        state[observer.names.index(name)] = value
-    return state
-
-
 def run(device=DEVICE, samples=400, drive=None, sensitive=False, **values):
     observer = Observer(device, ObserverSettings(effects=ON))
-    state = with_values(observer, **({"khx": KH, "reach": REACH, "x": 1.1e-3} | values))
+    state = state_of(observer, **({"khx": KH, "reach": REACH, "x": 1.1e-3} | values))
     return simulate(observer, state, np.zeros((samples, 1)) if drive is None else drive, sensitive=sensitive)
 
 

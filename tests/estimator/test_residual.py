@@ -112,12 +112,21 @@ def test_a_line_is_found_where_it_is_and_as_large_as_it_is(axes: int, frequency:
 
 @pytest.mark.moderate
 def test_an_innovation_above_its_floor_is_told_with_what_is_above() -> None:
-    """A line of as much power as the noise: √2 times the floor, and an excess of the noise's own size."""
-    series = white(20000, 1, 4)
-    series[:, 0] += math.sqrt(2.0) * NOISE * np.sin(2 * np.pi * 731.37 * np.arange(20000) / RATE)
-    (level,) = only(findings(series), "level")
-    assert level.text.startswith("the innovation is 1.4")
-    assert level.size == pytest.approx(NOISE, rel=0.1)
+    """A line of as much power as the noise. The square of an rms of n samples of two axes is off by √(2/2n), that of a
+    floor by twice its own uncertainty.
+    """
+    n, series = 20000, white(20000, 2, 4)
+    series += math.sqrt(2.0) * NOISE * np.sin(2 * np.pi * 731.37 * np.arange(n) / RATE)[:, None]
+    deviation = np.full(series.shape, NOISE)
+    fit, found = analyse(series, deviation, record_of(series, 0), RESONANCE)
+    (level,) = only(found, "level")
+    unsure = floor.noise_floor(spectrum.periodogram(series, RATE, RESONANCE), deviation, RATE, RESONANCE).uncertainty
+    assert level.text.startswith(f"the innovation is {fit.ratio:.3g} × the noise floor")
+    assert fit.ratio == pytest.approx(math.sqrt(2.0), rel=0.02)
+    assert level.size == pytest.approx(math.sqrt(2.0) * NOISE, rel=0.1)
+    assert level.significance == pytest.approx(
+        (fit.ratio**2 - 1.0) / math.hypot(math.sqrt(1.0 / n), 2.0 * unsure), rel=0.01
+    )
 
 
 @pytest.mark.moderate

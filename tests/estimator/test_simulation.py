@@ -15,6 +15,7 @@ from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings, Sensed, Spread
 from estimator.simulation import simulate
 from evaluation.measured.refinement import refine
+from tests.estimator.driven_axis import state_of
 
 RATE = 600.0
 SINGLE = Device(
@@ -35,13 +36,6 @@ GYRO = Device(
 )
 
 
-def with_values(observer, **values):
-    state = observer.state.copy()
-    for name, value in values.items():
-        state[observer.names.index(name)] = value
-    return state
-
-
 def noise_drive(samples, axes, size):
     return size * np.random.default_rng(3).standard_normal((samples, axes))
 
@@ -60,7 +54,7 @@ def integrated(field, start, steps):
 @pytest.mark.moderate
 def test_a_driven_single_axis_agrees_with_an_independent_integrator():
     observer = Observer(SINGLE, ObserverSettings(effects={"cubic_stiffness": {}, "nonlinear_damping": {}}))
-    state = with_values(observer, x=0.02, vx=-3.0, phi_x=0.01, k3x=7e5, d3x=120.0, drive_gain_x=1.1)
+    state = state_of(observer, x=0.02, vx=-3.0, phi_x=0.01, k3x=7e5, d3x=120.0, drive_gain_x=1.1)
     drive = noise_drive(60, 1, 1e4)
     polynomials = drive_polynomials(drive, "foh")
     steps = np.random.default_rng(4).uniform(0.7, 1.3, 60) / RATE
@@ -78,7 +72,7 @@ def test_a_driven_single_axis_agrees_with_an_independent_integrator():
 @pytest.mark.parametrize(("sensed", "order"), [(Sensed.VELOCITY, 1), (Sensed.ACCELERATION, 2)])
 def test_a_channel_of_velocity_or_acceleration_shows_that(sensed, order):
     observer = Observer(replace(SINGLE, sensed=(sensed,)), ObserverSettings())
-    state = with_values(observer, x=0.02, vx=-3.0, phi_x=0.01)
+    state = state_of(observer, x=0.02, vx=-3.0, phi_x=0.01)
     drive = noise_drive(60, 1, 1e4)
 
     def field(m, t, s):
@@ -94,7 +88,7 @@ def test_a_channel_of_velocity_or_acceleration_shows_that(sensed, order):
 
 def test_a_rotating_two_axis_gyro_runs_as_an_independent_integrator_says():
     observer = Observer(GYRO, ObserverSettings())
-    state = with_values(observer, x=1e-4, vy=0.01, rate=5.0, phi_y=1e-3)
+    state = state_of(observer, x=1e-4, vy=0.01, rate=5.0, phi_y=1e-3)
     drive = noise_drive(40, 2, 2.0)
 
     def field(m, t, s):
@@ -116,7 +110,7 @@ def test_a_rotating_two_axis_gyro_runs_as_an_independent_integrator_says():
 def test_derivatives_are_those_of_differences():
     effects = {"cubic_stiffness": {}, "nonlinear_damping": {}, "sense_quadratic": {}, "drive_feedthrough": {}}
     observer = Observer(SINGLE, ObserverSettings(effects=effects))
-    state = with_values(observer, x=0.02, vx=5.0, k3x=7e5, d3x=120.0, a2x=0.05, fdx=1e-7)
+    state = state_of(observer, x=0.02, vx=5.0, k3x=7e5, d3x=120.0, a2x=0.05, fdx=1e-7)
     drive = noise_drive(80, 1, 1e4)
     derivative = simulate(observer, state, drive, sensitive=True).sensitivity
     for i, factor in enumerate(observer.factors):
@@ -159,7 +153,7 @@ def test_refinement_finds_the_truth_within_its_intervals(refined):
 def test_what_is_not_free_stays():
     observer = Observer(SINGLE, ObserverSettings())
     drive = noise_drive(50, 1, 1e4)
-    sense = simulate(observer, with_values(observer, x=0.03, vx=2.0), drive).sensed
+    sense = simulate(observer, state_of(observer, x=0.03, vx=2.0), drive).sensed
     fit = refine(observer, sense, drive, free=("x", "vx"))
     assert (fit.value("x"), fit.value("vx")) == pytest.approx((0.03, 2.0), rel=1e-6)
     np.testing.assert_array_equal(fit.state[2:], observer.state[2:])
@@ -170,7 +164,7 @@ def test_what_is_not_free_stays():
 def test_a_coloured_residual_widens_the_intervals():
     observer = Observer(SINGLE, ObserverSettings())
     drive = noise_drive(3000, 1, 1e4)
-    clean = simulate(observer, with_values(observer, x=0.03), drive).sensed
+    clean = simulate(observer, state_of(observer, x=0.03), drive).sensed
     white = np.random.default_rng(5).standard_normal(3000)
     coloured = np.convolve(white, np.ones(30) / np.sqrt(30.0), mode="same")
     widths = [
@@ -189,7 +183,7 @@ def test_bad_requests_are_refused():
     with pytest.raises(ModelError, match="step has 2 rows, drive has 30"):
         simulate(observer, observer.state, drive, step=np.ones(2))
     with pytest.raises(ModelError, match="leaves all bounds at sample"):
-        simulate(observer, with_values(observer, x=0.01, dxx=-400.0), np.zeros((3000, 1)))
+        simulate(observer, state_of(observer, x=0.01, dxx=-400.0), np.zeros((3000, 1)))
     with pytest.raises(ModelError, match="nothing named k3x"):
         refine(observer, np.zeros((30, 1)), drive, free=("k3x",))
     with pytest.raises(ModelError, match="3 samples for 6 unknowns"):

@@ -1,20 +1,9 @@
 """`bench.with_(…)`: some keys replaced, checked as a whole again."""
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
-import pytest
 
 import hil
-
-
-def refusal(act: Callable[[], Any]) -> str:
-    """The line with which `act` is refused."""
-    with pytest.raises(hil.InputError) as told:
-        act()
-    assert "\n" not in str(told.value)
-    return str(told.value)
+from tests.library.test_given import refusal
 
 
 def test_a_bench_is_changed_key_by_key() -> None:

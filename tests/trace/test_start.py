@@ -9,7 +9,7 @@ from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Spread
-from estimator.trace.start import begin_moving, first_motion, settled_from, settling
+from estimator.trace.start import begin_moving, first_motion
 
 RATE, OMEGA = 4000.0, 2.0 * np.pi * 200.0
 DEVICE = Device(
@@ -19,20 +19,7 @@ DEVICE = Device(
 SETTINGS = ObserverSettings(
     gain=Gain.EKF, spread=Spread(stiffness=0.01, damping=0.5, offset=0.01, rate=0.7), effects={"drag": {"dqx": 1.0}}
 )
-MORE = replace(SETTINGS, effects={**SETTINGS.effects, "drive_gain": {"hx": 0.1}})
 SINGLE = replace(DEVICE, stiffness=DEVICE.stiffness[:1], damping=DEVICE.damping[:1], sense_gain=(890.0,), noise=(1e-4,))
-
-
-@pytest.mark.parametrize(
-    ("memory", "samples", "first"),
-    [(0.05, 10_000, 600), (0.5, 100_000, 6000), (7.0, 100_000, 12_000), (np.inf, 100_000, 12_000), (0.5, 8000, 2000)],
-)
-def test_the_start_is_three_memories_and_at_most_a_quarter_of_the_record(
-    memory: float, samples: int, first: int
-) -> None:
-    settings = ObserverSettings(memory=memory)
-    assert settled_from(settings, DEVICE, samples) == first
-    assert settling(settings, DEVICE) == 3 * int(min(memory, 1.0) * RATE)
 
 
 def shown(samples: int, step: Array, bend: float = 0.0) -> Record:
@@ -64,27 +51,6 @@ def test_lost_samples_are_left_out_and_too_few_tell_nothing() -> None:
     as_it_was = observer.state.copy()
     begin_moving(observer, record)
     np.testing.assert_array_equal(observer.state, as_it_was)
-
-
-@pytest.mark.parametrize(
-    ("samples_a_cycle", "rows", "unknown"), [(20.0, 30, 7), (8.0, 14, 7), (7.5, 12, 5), (5.0, 8, 3)]
-)
-def test_it_asks_for_cycles_or_for_twice_as_many_samples_as_unknowns(
-    samples_a_cycle: float, rows: int, unknown: int
-) -> None:
-    """An offset, the fundamental, and of the harmonics those that the samples tell."""
-    record = shown(60, np.full(60, 2.0 * np.pi / OMEGA / samples_a_cycle))
-    record.sense[rows:] = 9.0
-    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-9)
-    record.sense[: rows - unknown - 1] = np.nan
-    np.testing.assert_allclose(first_motion(record, OMEGA), MOTION, rtol=1e-6)
-    record.sense[rows - unknown - 1] = np.nan
-    none = first_motion(record, OMEGA)
-    assert none.shape == (2, 2)
-    assert np.all(np.isnan(none))
-    seen = shown(60, record.step)
-    seen.sense[rows - 1] = 9.0
-    assert np.max(np.abs(first_motion(seen, OMEGA) / MOTION - 1.0)) > 1e-3
 
 
 @pytest.mark.parametrize("samples_a_cycle", [5.0, 20.0])

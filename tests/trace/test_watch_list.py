@@ -9,7 +9,8 @@ import pytest
 
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.effects.catalogue import EFFECTS
-from estimator.effects.labels import kind
+from estimator.effects.labels import kind, searched_by
+from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
@@ -161,3 +162,14 @@ def test_values_of_one_s_own_are_tried_in_si_and_without_any_the_default() -> No
     assert mine == {
         "mine:1": pytest.approx(1e-6), "mine:2": pytest.approx(1e-4), "plain:1": pytest.approx(3e-5)
     }  # fmt: skip
+
+
+def test_a_flat_response_tells_no_mode() -> None:
+    at = np.arange(900.0, 1101.0, 12.5)
+    assert start_values.resonance(at, [1.0 + 0.01 * RNG.standard_normal(len(at)) + 0j]) is None
+
+
+def test_every_searched_parameter_of_the_catalogue_says_its_range() -> None:
+    assert searched_by("dry_friction") is searched_by("dry_friction:2") is Search.SPEEDS
+    assert searched_by("cubic_stiffness") is None
+    assert searched_by("an_effect_of_my_own") is None
