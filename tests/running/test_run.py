@@ -33,8 +33,8 @@ def quietly(_: Progress) -> None:
     """Watch nothing."""
 
 
-def go(declared: Bench, link: str, out: Path, *, open_loop: bool = False, dry_run: bool = False) -> RunResult:
-    return run(RunRequest(declared, link, open_loop=open_loop, dry_run=dry_run), out, progress=quietly)
+def go(declared: Bench, link: str, out: Path, *, dry_run: bool = False) -> RunResult:
+    return run(RunRequest(declared, link, dry_run=dry_run), out, progress=quietly)
 
 
 @contextmanager
@@ -91,7 +91,7 @@ def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
 def test_with_the_loop_open_nothing_is_driven(tmp_path: Path) -> None:
     """And a ring-down is no fault: the verdict asks for no energy that nobody puts in, and judges no angle."""
     scenario = gyro.scenario(tmp_path / "board.toml")
-    done = go(gyro.bench(2.0), f"inproc:{scenario}", tmp_path / "runs", open_loop=True)
+    done = go(gyro.bench(2.0, controller={"enabled": False}), f"inproc:{scenario}", tmp_path / "runs")
     assert done.folder is not None
     folder = RunFolder(done.folder)
     assert folder.capture is not None
