@@ -206,7 +206,7 @@ def _print_tables(result: "Result", report: Path) -> None:
 def _print_verdict(paper: Paper, result: "Result") -> None:
     """The verdict, why the run ended early, and each part: what it came to, why, what to do about it."""
     assert result.verdict is not None
-    against = [name for name, part in result.parts.items() if part.against]
+    against = list(result.against)
     named = f": {', '.join(against)}" if result.verdict == "failed" and against else ""
     if result.verdict == "good" and result.angle is not None and result.angle_expanded_rad is None:
         named = "; the angle's uncertainty is unknown"

@@ -68,8 +68,7 @@ def _of_run(result: Result) -> Iterator[_Told]:
             yield "nees", score.nees.mean, "", None, "one"
     yield "innovation_rms", result.innovation_rms, "V", None, "less"
     yield "noise_floor", result.noise_floor, "V", None, None
-    if result.innovation_rms is not None and result.noise_floor:
-        yield "residual_ratio", result.innovation_rms / result.noise_floor, "", None, "less"
+    yield "residual_ratio", result.residual_ratio, "", None, "less"
     for name, parameter in result.parameters.items():
         yield name, parameter.value, parameter.unit, parameter.half, None
     yield "seconds", result.seconds, "s", None, None

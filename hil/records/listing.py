@@ -146,7 +146,7 @@ def _run(place: Path) -> Listed:
     from hil.records.result import load_result  # where figures are asked for, and only there
 
     result = load_result(run.result_path)
-    against = {name: part.reason for name, part in result.parts.items() if part.against}
+    against = result.against
     reasons = result.reasons or tuple(filter(None, against.values()))
     cut = cut_of(run.capture_path) if result.complete and run.capture_path.exists() else ""
     return Listed(place, "run", result.verdict or "", result.seconds, reasons=reasons, against=tuple(against), cut=cut)

@@ -522,6 +522,16 @@ class Result(json_file.Sealed, json_file.Strict):
         return (safety and safety.reason) or "a stop was not confirmed: cut the supply"
 
     @property
+    def against(self) -> dict[str, str]:
+        """Why each part that speaks against the run does, by its name."""
+        return {name: part.reason for name, part in self.parts.items() if part.against}
+
+    @property
+    def residual_ratio(self) -> float | None:
+        """The innovation over its noise floor, rms; None where one is not known."""
+        return self.innovation_rms / self.noise_floor if self.innovation_rms is not None and self.noise_floor else None
+
+    @property
     def kept_up(self) -> bool:
         """Whether this machine was fast enough for its part, as far as that is known."""
         return "machine" not in self.parts or not self.parts["machine"].against

@@ -18,7 +18,7 @@ class Headline(NamedTuple):
 
 def headline(result: Result) -> Headline:
     """The verdict of result.json, or what can be said without one."""
-    against = [name for name, part in result.parts.items() if part.against]
+    against = list(result.against)
     if result.verdict in ("failed", "unsafe"):
         tone = "slow" if against == ["machine"] else "bad"
         word, said = result.verdict.capitalize(), _outcomes(result)
@@ -85,8 +85,8 @@ def key_figures(result: Result, earlier: Result | None = None) -> list[tuple[str
         remark = f"1 is perfect; over {significant(score.turns)} rotations"
         entries.append(("Angle per rotation", f"{score.angle_per_rotation:.6f}", remark))
     if result.innovation_rms is not None:
-        floor = result.noise_floor
-        remark = "rms" if not floor else f"rms, {significant(result.innovation_rms / floor)} × the noise floor"
+        ratio = result.residual_ratio
+        remark = "rms" if ratio is None else f"rms, {significant(ratio)} × the noise floor"
         remark += before(first.innovation_rms, result.sense_unit)
         entries.append(("Innovation", sensed(result.innovation_rms, result.sense_unit), remark))
     entries.append(_samples(result))
@@ -101,8 +101,8 @@ def _findings(result: Result) -> list[str]:
     if result.angle_error_rms_rad is not None:
         turned = "" if result.score is None else f" over {significant(result.score.turns)} rotations"
         found.append(f"angle within {quantity(result.angle_error_rms_rad, 'rad')} rms{turned}")
-    if result.innovation_rms is not None and result.noise_floor:
-        found.append(f"innovation at {significant(result.innovation_rms / result.noise_floor)} × the noise floor")
+    if (ratio := result.residual_ratio) is not None:
+        found.append(f"innovation at {significant(ratio)} × the noise floor")
     lost = "nothing lost" if not result.lost else f"{counted(result.lost, 'sample')} lost"
     found.append(f"{counted(result.samples, 'sample')}, {lost}")
     if result.answers is not None and result.answers.missed:

@@ -1,10 +1,7 @@
 """The end of a run, and of a replay: figures, closing scan, verdict and report of what was recorded."""
 
-import signal
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -19,6 +16,7 @@ from hil.records.occupied import occupied
 from hil.records.result import Load, Result, Told, save_result
 from hil.records.runfolder import RunFolder
 from hil.report.artist import Artist, artist_process
+from hil.running.supervision import ctrl_c
 from hil.verdict.safety import judge_safety
 
 _UNFINISHED = "interrupted while the figures were computed"
@@ -86,7 +84,7 @@ def conclude(made: Made, *, report: bool | Artist = True, progress: Watcher) -> 
                 drawer.draw(folder)
             _conclude(made, drawer, progress)
     except KeyboardInterrupt:
-        with _undisturbed():
+        with ctrl_c(lambda: None):  # it has come, and what follows is short
             figures = f"its figures are in {result.name}, its report is not drawn"
             if not result.exists():
                 if made.link is not None:
@@ -141,18 +139,3 @@ def _conclude(made: Made, drawer: Artist | None, progress: Watcher) -> None:
 def artist(wanted: bool) -> AbstractContextManager[Artist | None]:
     """Who draws the report, where one is wanted."""
     return artist_process() if wanted else nullcontext()
-
-
-@contextmanager
-def _undisturbed() -> Iterator[None]:
-    """Without Ctrl-C and SIGTERM; in the main thread only, where they come."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

@@ -158,7 +158,6 @@ def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], note: str 
 def _scored(result: Result) -> Row:
     found = result.score
     assert found is not None
-    ratio = result.innovation_rms / result.noise_floor if result.innovation_rms and result.noise_floor else None
     return {
         "angle_error_rms_rad": result.angle_error_rms_rad,
         "angle_error_max_rad": found.angle_error_max_rad,
@@ -167,7 +166,7 @@ def _scored(result: Result) -> Row:
         "rate_error_max_rad_s": found.rate_error_max_rad_s,
         "pattern_error_rms_rad": found.angle_estimation_error_rms_rad,
         "control_imperfection_rms_rad": found.control_imperfection_rms_rad,
-        "innovation_ratio": ratio,
+        "innovation_ratio": result.residual_ratio,
         "nees": None if found.nees is None else found.nees.mean,
         "nees_entries": None if found.nees is None else found.nees.entries,
         "coverage": sum(found.coverage.values()) / len(found.coverage) if found.coverage else None,

@@ -27,8 +27,7 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early:
         )
     if scan is not None and scan.complete is False:
         reasons.append(scan.reason)
-    if result.innovation_rms is not None and result.noise_floor:
-        ratio = result.innovation_rms / result.noise_floor
+    if (ratio := result.residual_ratio) is not None:
         if ratio > limits.innovation_ratio:
             reasons.append(
                 f"innovation {ratio:.3g} × the noise floor, [limits] innovation_ratio is "

@@ -28,7 +28,7 @@ def _beside(before: Result, after: Result) -> str:
         for name, unit, pair in (
             ("angle error, rms", "rad", (before.angle_error_rms_rad, after.angle_error_rms_rad)),
             ("rate error, rms", "rad/s", (before.rate_error_rms_rad_s, after.rate_error_rms_rad_s)),
-            ("residual over noise floor", "", (_ratio(before), _ratio(after))),
+            ("residual over noise floor", "", (before.residual_ratio, after.residual_ratio)),
         )
     ]
     caption = f"The loop without the effect ({before.run}) and with it ({after.run}), same board, same seed"
@@ -36,12 +36,6 @@ def _beside(before: Result, after: Result) -> str:
     if before.kept_up and after.kept_up:
         return table
     return table + markup.paragraph(f"{TOO_SLOW[:1].upper()}{TOO_SLOW[1:]}.")
-
-
-def _ratio(result: Result) -> float | None:
-    if result.innovation_rms is None or not result.noise_floor:
-        return None
-    return result.innovation_rms / result.noise_floor
 
 
 def _shown(value: float | None, unit: str) -> str:

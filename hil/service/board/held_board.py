@@ -32,7 +32,7 @@ from hil.wire.link_name import Emulated, LinkName
 from hil.wire.messages import SafeReason, State
 
 if TYPE_CHECKING:
-    from hil.records.result import Result
+    pass
 
 _LOG = logging.getLogger("hil.service")
 _ASK_EVERY_S = 0.2
@@ -393,7 +393,7 @@ class HeldBoard:
             if done.folder is not None:
                 result = RunFolder(done.folder).result
                 if result is not None:
-                    outcome["verdict"] = _told_verdict(result)
+                    outcome["verdict"] = {"verdict": result.verdict, "against": result.against}
                     outcome["words"] = "" if result.verdict == "good" else next(iter(result.reasons), "")
         except Interrupted as interrupted:
             outcome["words"] = str(interrupted)
@@ -443,12 +443,6 @@ class HeldBoard:
 
 def _told_identity(identity: dict[str, Any]) -> dict[str, Any]:
     return {**identity, "serial": f"{identity['unique_id']:016x}"}
-
-
-def _told_verdict(result: "Result") -> dict[str, Any]:
-    """A run's verdict, and which parts speak against it and why."""
-    against = {name: part.reason for name, part in result.parts.items() if part.against}
-    return {"verdict": result.verdict, "against": against}
 
 
 def _told_safe(status: dict[str, Any]) -> dict[str, Any]:

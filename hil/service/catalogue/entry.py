@@ -110,7 +110,7 @@ def _run(folder: Path) -> _Told:
     result = load_result(path)
     details = {
         "parts": {name: part.outcome for name, part in result.parts.items()},
-        "against": {name: part.reason for name, part in result.parts.items() if part.against},
+        "against": result.against,
         "reasons": list(result.reasons),
         "next": result.next,
         "clock": result.clock,

@@ -140,9 +140,8 @@ def _pyramid(order: dict[str, Any], _: Path, __: Path, began: Said, progress: Wa
 def _of_run(folder: Path) -> dict[str, Any]:
     run = hil.load(folder)
     result = run.result
-    against = {name: part.reason for name, part in result.parts.items() if part.against}
     return {
-        "run": folder.name, "verdict": result.verdict, "against": against,
+        "run": folder.name, "verdict": result.verdict, "against": result.against,
         "angle_error_rms_rad": result.angle_error_rms_rad,
     }  # fmt: skip
 
