@@ -37,8 +37,8 @@ static inline void experiment_device(const Settings *settings, real rate, real h
 EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan)
 {
     Settings *settings = plan->settings;
-    whole states = settings->states, latency = settings->latency;
-    real queue[MAX_LATENCY + 1][2] = {{R(0.0), R(0.0)}};
+    whole states = settings->states;
+    const Memory *memory = estimator->observer.memory;
     real acted[MOST_LATE + 2][2] = {{R(0.0), R(0.0)}}; /* newest first */
     double codes[2];
     whole back = (whole)FLOOR(plan->late);
@@ -47,7 +47,7 @@ EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan
     workspace_begin(&estimator->work, settings, estimator->observer.n, estimator->observer.total);
     memcpy(past, estimator->observer.memory->past, sizeof past);
     for (whole m = 0; m < plan->n; m++) {
-        const real u[2] = {queue[0][0], queue[0][1]};
+        const real u[2] = {memory->queue[0][0], memory->queue[0][1]};
         real *sensed = plan->sensed + 2 * m, *drive = plan->drive + 2 * m;
         memmove(acted[1], acted[0], (MOST_LATE + 1) * sizeof *acted);
         memcpy(acted[0], u, sizeof u);
@@ -63,10 +63,6 @@ EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan
         settings->stiffness = plan->stiffness[m];
         estimator_step(estimator, sensed[0] / settings->sense_scale[0], sensed[1] / settings->sense_scale[1],
                        u[0] / settings->quantum, u[1] / settings->quantum, codes);
-        for (whole j = 0; j < latency; j++)
-            memcpy(queue[j], queue[j + 1], sizeof queue[j]);
-        queue[latency][0] = codes[0] * settings->quantum;
-        queue[latency][1] = codes[1] * settings->quantum;
     }
 }
 
