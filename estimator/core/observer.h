@@ -459,23 +459,14 @@ static inline void predict_state(const Observer *observer, const Sample *sample,
     }
 }
 
-/* Add to predicted measurement and Jacobian in work what the effects do to the measurement at the end of the
-   interval. */
-static inline void sense_effects(const Observer *observer, const Sample *sample, Workspace *work)
+/* Add to predicted measurement and Jacobian in work what it is late by. */
+static inline void sense_late(const Observer *observer, const Sample *sample, Workspace *work)
 {
     const Settings *settings = observer->settings;
     Memory *memory = observer->memory;
     whole states = settings->states, total = work->total;
     real *out = work->flow.out, *full = work->full, *predicted = work->predicted;
-    real *drive = work->flow.push.drive, *signals = work->flow.push.signals;
     const real *x = observer->x, *c = x + states;
-    drive_at(sample->u, settings->axes, sample->terms, R(1.0), drive);
-    signal_values(settings, memory, memory->time + (double)sample->h, signals);
-    for (whole e = 0; e < settings->effect_count; e++)
-        effect_sense(settings->effects[e][0], settings->model, c, x, drive, signals, settings->effects[e][1],
-                     settings->effects[e][2], predicted, full, total, full + states, total);
-    if (settings->sense_delay < 0)
-        return;
     for (whole axis = 0; axis < settings->axes; axis++) {
         whole row = 2 * axis, columns = work->flow.columns;
         Interval interval = {memory->time + (double)sample->h, sample->h, sample->u, sample->terms};
@@ -498,17 +489,11 @@ static inline int predict_measurement(const Observer *observer, const Sample *sa
     whole states = settings->states, total = work->total, n = observer->n;
     real *full = work->full, *predicted = work->predicted;
     Push *push = &work->flow.push;
-    for (whole i = 0; i < 2 * total; i++)
-        full[i] = R(0.0);
-    if (senses_otherwise(settings)) {
-        drive_at(sample->u, settings->axes, sample->terms, R(1.0), push->drive);
-        signal_values(settings, observer->memory, observer->memory->time + (double)sample->h, push->signals);
-        sensed_otherwise(settings, x + states, x, push, predicted, full, full + states, total);
-    } else {
-        sense(settings->model, x + states, x, predicted, full, total);
-        if (settings->effect_count > 0)
-            sense_effects(observer, sample, work);
-    }
+    drive_at(sample->u, settings->axes, sample->terms, R(1.0), push->drive);
+    signal_values(settings, observer->memory, observer->memory->time + (double)sample->h, push->signals);
+    sensed_at(settings, x + states, x, push, total, predicted, full);
+    if (settings->sense_delay >= 0)
+        sense_late(observer, sample, work);
     int measured = 0;
     for (whole channel = 0; channel < settings->axes; channel++) {
         int usable = isfinite(sample->z[channel]) != 0;

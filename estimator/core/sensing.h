@@ -118,31 +118,41 @@ static inline void sensed_motion(const Settings *settings, const real *c, const 
     }
 }
 
-/* Measurement (axes,) at state s and its derivatives by_states and by_constants (axes, rows of `stride`), effects
-   included; drive and signals as they stand in push, whose forces are written over. */
-static inline void sensed_otherwise(const Settings *settings, const real *c, const real *s, Push *push, real *predicted,
-                                    real *by_states, real *by_constants, whole stride)
+/* What the sense chain makes of the motion q, effects included: predicted (axes,) and its derivatives full (2, total) by q
+   and by the constants. */
+static inline void sense_chain(const Settings *settings, const real *c, const real *q, Push *push, whole total,
+                               real *predicted, real *full)
+{
+    whole states = settings->states;
+    for (whole i = 0; i < 2 * total; i++)
+        full[i] = R(0.0);
+    sense(settings->model, c, q, predicted, full, total);
+    for (whole e = 0; e < settings->effect_count; e++)
+        effect_sense(settings->effects[e][0], settings->model, c, q, push->drive, push->signals,
+                     settings->effects[e][1], settings->effects[e][2], predicted, full, total, full + states, total);
+}
+
+/* Measurement predicted (axes,) at state s and its derivatives full (2, total) by states and constants, effects included;
+   drive and signals as they stand in push, whose forces are written over. */
+static inline void sensed_at(const Settings *settings, const real *c, const real *s, Push *push, whole total,
+                             real *predicted, real *full)
 {
     whole states = settings->states, entries = states + settings->sense_constants + settings->flow_constants;
-    real full[MAX_AXES * MAX_ENTRIES];
+    if (!senses_otherwise(settings)) {
+        sense_chain(settings, c, s, push, total, predicted, full);
+        return;
+    }
     Motion motion;
     sensed_motion(settings, c, s, push, &motion);
-    memset(full, 0, sizeof full);
-    sense(settings->model, c, motion.q, predicted, full, MAX_ENTRIES);
-    for (whole e = 0; e < settings->effect_count; e++)
-        effect_sense(settings->effects[e][0], settings->model, c, motion.q, push->drive, push->signals,
-                     settings->effects[e][1], settings->effects[e][2], predicted, full, MAX_ENTRIES, full + states,
-                     MAX_ENTRIES);
+    sense_chain(settings, c, motion.q, push, total, predicted, full);
     for (whole axis = 0; axis < settings->axes; axis++) {
-        const real *of_axis = full + axis * MAX_ENTRIES;
+        real *of_axis = full + axis * total, by_q[4];
+        memcpy(by_q, of_axis, (size_t)states * sizeof(real));
         for (whole j = 0; j < entries; j++) {
             real value = j >= states ? of_axis[j] : R(0.0);
             for (whole i = 0; i < states; i++)
-                value += of_axis[i] * motion.q_by[i * MAX_ENTRIES + j];
-            if (j < states)
-                by_states[axis * stride + j] = value;
-            else
-                by_constants[axis * stride + j - states] = value;
+                value += by_q[i] * motion.q_by[i * MAX_ENTRIES + j];
+            of_axis[j] = value;
         }
     }
 }

@@ -27,24 +27,6 @@ typedef struct {
     real time;         /* of the first sample */
 } FreeRun;
 
-/* Measurement (axes,) at state s, drive and signals in push, and its derivatives full (2, total). */
-static inline void sensed_at(const Settings *settings, const real *c, const real *s, Push *push, whole total,
-                             real *predicted, real *full)
-{
-    whole states = settings->states;
-    for (whole i = 0; i < 2 * total; i++)
-        full[i] = R(0.0);
-    predicted[0] = predicted[1] = R(0.0);
-    if (senses_otherwise(settings)) {
-        sensed_otherwise(settings, c, s, push, predicted, full, full + states, total);
-        return;
-    }
-    sense(settings->model, c, s, predicted, full, total);
-    for (whole e = 0; e < settings->effect_count; e++)
-        effect_sense(settings->effects[e][0], settings->model, c, s, push->drive, push->signals,
-                     settings->effects[e][1], settings->effects[e][2], predicted, full, total, full + states, total);
-}
-
 /* Derivatives (total,) by x of what an axis senses, from those by the state there and by the constants. */
 static inline void chain(const Settings *settings, const real *full, whole total, const FlowWork *work, real *out)
 {

@@ -95,7 +95,6 @@ def senses_otherwise(settings: Any) -> bool:
     return bool(_call("senses_otherwise", settings, result=ctypes.c_int))
 
 
-def sensed_otherwise(settings: Any, c: Array, s: Array, push: Push, predicted: Array, full: Array) -> None:
+def sensed_at(settings: Any, c: Array, s: Array, push: Push, predicted: Array, full: Array) -> None:
     """full (2, states + constants) the derivatives."""
-    by_constants = ctypes.c_void_p(full.ctypes.data + 8 * len(s))
-    _call("sensed_otherwise", settings, c, s, push, predicted, full, by_constants, full.shape[1])
+    _call("sensed_at", settings, c, s, push, full.shape[1], predicted, full)

@@ -14,7 +14,7 @@ from estimator.scaling import Array
 from estimator.settings import Device, Gain, ObserverSettings, Sensed
 from estimator.simulation import simulate
 from evaluation.measured.refinement import refine
-from tests.estimator.flow_pieces import Push, sensed_otherwise, senses_otherwise
+from tests.estimator.flow_pieces import Push, sensed_at, senses_otherwise
 from tests.estimator.gyro_loop import Truth, free_motion
 from tests.estimator.test_effects import base, values
 
@@ -144,7 +144,7 @@ def shown(sensed: Sensed, c: Array, s: Array, u: float) -> tuple[float, Array, A
     push.drive[0] = u
     predicted, full = np.zeros(2), np.full((2, 9), 9.0)
     assert bool(senses_otherwise(settings)) is (sensed is not Sensed.DISPLACEMENT)
-    sensed_otherwise(settings, c, s, push, predicted, full)
+    sensed_at(settings, c, s, push, predicted, full)
     return predicted[0], full[0, :2], full[0, 2:]
 
 
@@ -222,7 +222,7 @@ def test_rows_of_two_axes_with_velocity_effects_equal_differences(sensed: tuple[
     s = np.array([0.8, -0.4, 0.3, 0.6])
     c = np.array([0.05, -0.03, 0.15, 1.1, 0.9, 0.07, 0.2, 0.3, 0.1, *0.1 * np.arange(2.0, 2.0 + len(made.x) - 13)])
     predicted, full = np.zeros(2), np.full((2, 4 + len(c)), 9.0)
-    sensed_otherwise(settings, c, s, push, predicted, full)
+    sensed_at(settings, c, s, push, predicted, full)
     by_states, by_constants = np.hsplit(full, [4])
     np.testing.assert_allclose(predicted, seen_of_two(made, sensed, c, s, u), rtol=1e-10)
     for place, found in ((s, by_states), (c, by_constants)):
