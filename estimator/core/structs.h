@@ -125,9 +125,8 @@ static inline whole filled_up(whole n)
 /* Make a flow's scratch ready for a model whose constants, effects' coefficients included, are so many. */
 static inline void flow_begin(FlowWork *work, const Settings *settings, whole constants)
 {
-    whole columns = 1 + settings->states + settings->flow_constants;
     memset(work, 0, sizeof *work);
-    work->columns = settings->states == 4 ? filled_up(columns) : columns;
+    work->columns = filled_up(1 + settings->states + settings->flow_constants);
     whole reached = work->columns + settings->sense_constants - settings->states; /* by rows of lanes */
     work->push.constants = constants > reached ? constants : reached;
 }

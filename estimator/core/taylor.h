@@ -17,7 +17,7 @@ static inline whole taylor_terms(const real *longest, real t, whole most)
 
 /* Advance the columns of out in place by h under the input polynomial u (axes, terms) in normalised time t/h.
 
-   columns is 1 or all of the model's and more, of two axes in fours; term is scratch of out's shape, rows of `stride`.  order is what the
+   columns is 1 or all of the model's and more, in fours; term is scratch of out's shape, rows of `stride`.  order is what the
    longest interval asks for: over a shorter one the terms beyond its own are rounding. */
 static inline void taylor(whole model, const real *c, const real *u, whole terms, real h, whole order, whole columns,
                           real *term, real *out, whole stride)

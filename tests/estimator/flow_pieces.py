@@ -23,17 +23,17 @@ class Push:
         self.by_constants = self.record["by_constants"][: 2 * constants].reshape(2, constants)
 
 
-def _filled(states: int, columns: int) -> int:
-    return columns if columns == 1 or states < 4 else -(-columns // 4) * 4
+def _filled(columns: int) -> int:
+    return columns if columns == 1 else -(-columns // 4) * 4
 
 
 class FlowWork:
-    """Scratch of a flow whose columns are so many, of two axes filled up to fours: arrays that are live in `record`."""
+    """Scratch of a flow whose columns are so many, filled up to fours: arrays that are live in `record`."""
 
     def __init__(self, states: int, constants: int, columns: int) -> None:
         assert piece("flow_work_size", result=ctypes.c_int64, source="flow_pieces.c") == _FLOW_WORK.itemsize
         self.record = np.zeros(1, _FLOW_WORK)[0]
-        self.record["columns"] = self.columns = _filled(states, columns)
+        self.record["columns"] = self.columns = _filled(columns)
         self.out = self.record["out"][: states * self.columns].reshape(states, -1)[:, :columns]
         self.push = Push(states, constants, self.record["push"])
 
@@ -84,7 +84,7 @@ def flow(settings: Any, interval: Interval, past: Array, c: Array, s: Array, col
 
 
 def taylor(model: int, c: Array, u: Array, h: float, order: int, columns: int, out: Array) -> None:
-    filled = _filled(len(out), columns)
+    filled = _filled(columns)
     wide = np.zeros((len(out), max(filled, out.shape[1])))
     wide[:, : out.shape[1]] = out
     _call("taylor", model, c, u, u.shape[1], float(h), order, filled, np.zeros_like(wide), wide, wide.shape[1])

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import sympy as sp
 
-from estimator.core.generate.printer import assignments, free_symbols, loads
+from estimator.core.generate.printer import assignments, free_symbols, loads, names_in
 from estimator.effects.declaration import OF_THE_WAY, Effect, Signal, Source
 from estimator.model.declaration import Model
 
@@ -15,7 +15,7 @@ ARGUMENTS = (
     "const real *c, const real *s, const real *u, real *w, whole first, whole signal,\n"
     "    real *value, real *by_states, whole states_row, real *by_constants, whole constants_row"
 )
-NAMES = "c, s, u, w, first, signal, value, by_states, states_row, by_constants, constants_row"
+NAMES = names_in(ARGUMENTS)
 FORCE, SENSE = "force", "sense"
 
 

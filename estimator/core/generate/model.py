@@ -12,6 +12,22 @@ import sympy as sp
 from estimator.core.generate.printer import assignments, free_symbols, loads, written
 from estimator.model.declaration import Model
 
+SIGNATURES = {
+    "field_columns": ("const real *c, const real *a, const real *u, real *out, whole columns,\n    whole stride"),
+    "taylor_columns": (
+        "const real *c, const real *u, whole terms, real h, whole order, whole columns,\n"
+        "    real *a, real *out, whole stride"
+    ),
+    "first_term": (
+        "const real *c, const real *s, const real *rest, const real *u, whole terms,\n    real h, double *out"
+    ),
+    "sense": "const real *c, const real *s, real *z, real *jacobian, whole stride",
+    "jump": "const real *s, whole constant, real *out",
+    "powers": "const real *c, real h, whole order, real *out",
+    "add_constants": "const real *c, const real *e, real *out, whole stride",
+}
+"""What each function takes, whatever the model."""
+
 
 class Field:
     """A model's field as functions of its columns need it: M's entries, and what is added in each row."""
@@ -66,8 +82,8 @@ def _indented(lines: Sequence[str], by: int = 4) -> list[str]:
     return [" " * by + line for line in lines]
 
 
-def _body(lines: Sequence[str]) -> str:
-    return "\n".join([*_indented(lines), "}"])
+def _function(model: Model, stem: str, lines: Sequence[str]) -> str:
+    return "\n".join([f"static inline void {model.name}_{stem}({SIGNATURES[stem]})", "{", *_indented(lines), "}"])
 
 
 def field_columns(model: Model) -> str:
@@ -85,17 +101,13 @@ def field_columns(model: Model) -> str:
     lines += ["if (columns == 1)", "    return;"]
     lines += loads({s: f"a[{i} * stride]" for i, s in enumerate(field.states)}, free_symbols(field.forced.values()))
     lines += [f"out[{i} * stride + {j}] += {written(e)};" for (i, j), e in field.forced.items()]
-    head = (
-        f"static inline void {model.name}_field_columns(const real *c, const real *a, const real *u, real *out,\n"
-        "    whole columns, whole stride)\n{"
-    )
-    return f"{head}\n{_body(lines)}"
+    return _function(model, "field_columns", lines)
 
 
 def taylor(model: Model) -> str:
-    """`<model>_taylor`: the columns of out advanced by their Taylor series over h under the drive u (axes, terms), a
-    polynomial in normalised time; a is scratch of out's shape; columns is 1 or all, of two axes in fours.  Of all in
-    32 bits the first becomes the terms of the state's series behind the first one, which `<model>_first_term` gives.
+    """`<model>_taylor_columns`: the columns of out advanced by their Taylor series over h under the drive u (axes,
+    terms), a polynomial in normalised time; a is scratch of out's shape; columns is 1 or all, in fours.  Of all in 32
+    bits the first becomes the terms of the state's series behind the first one, which `<model>_first_term` gives.
     """
     field = Field(model)
     rows = field.rows
@@ -123,30 +135,16 @@ def taylor(model: Model) -> str:
     pushed = {(i, 0): f"({written(e)})" for i, e in field.driven.items()} | {
         (i, j): f"f{i}_{j}" for i, j in field.forced
     }
-    lines += _indented(_by_lanes(field, pushed) if len(rows) == 4 else _one_by_one(field, pushed))
+    lines += _indented(_by_lanes(field, pushed))
     lines += ["#ifdef CORE_FLOAT32", "    if (n == 0)", f"        {' = '.join(f'o{i}[0]' for i in rows)} = R(0.0);"]
     lines += ["#endif", "}"]
-    head = (
-        f"static inline void {model.name}_taylor(const real *c, const real *u, whole terms, real h, whole order,\n"
-        "    whole columns, real *a, real *out, whole stride)\n{"
-    )
-    return f"{head}\n{_body(lines)}"
-
-
-def _one_by_one(field: Field, pushed: Mapping[tuple[int, int], str]) -> list[str]:
-    """The next term of all columns, `pushed` in some of their rows, and its sum."""
-    lines = ["for (whole j = 0; j < columns; j++) {"]
-    lines += [
-        f"    const real b{i} = scale * ({field.product(i, [f'a{k}[j]' for k in field.rows])});" for i in field.rows
-    ]
-    lines += [f"    a{i}[j] = b{i};" for i in field.rows] + ["}"]
-    lines += [f"a{i}[{j}] += scale * {what};" for (i, j), what in pushed.items()]
-    lines += ["for (whole j = 0; j < columns; j++) {"]
-    return [*lines, *(f"    o{i}[j] += a{i}[j];" for i in field.rows), "}"]
+    return _function(model, "taylor_columns", lines)
 
 
 def _by_lanes(field: Field, pushed: Mapping[tuple[int, int], str]) -> list[str]:
-    """The same, four columns at a time: single numbers that were stored could not be loaded as four at once."""
+    """The next term of all columns, `pushed` in some of their rows, and its sum, four at a time: single numbers that
+    were stored could not be loaded as four at once.
+    """
     blocks = max(j for _, j in pushed) // 4 + 1
     driven = sorted({i for i, _ in pushed})
     lines = []
@@ -177,12 +175,8 @@ def first_term(model: Model) -> str:
     lines = loads(constants | states | inputs, free_symbols(model.field))
     lines += assignments([(f"out[{i}]", e) for i, e in enumerate(model.field)], "w")
     lines += [f"out[{i}] *= (double)h;" for i in range(first)]
-    head = (
-        f"static inline void {model.name}_first_term(const real *c, const real *s, const real *rest, const real *u,\n"
-        "    whole terms, real h, double *out)\n{"
-    )
-    body = _body(lines).replace("const real ", "const double ").replace("R(", "(")
-    return f"#ifdef CORE_FLOAT32\n{head}\n{body}\n#endif"
+    lines = [line.replace("const real ", "const double ").replace("R(", "(") for line in lines]
+    return f"#ifdef CORE_FLOAT32\n{_function(model, 'first_term', lines)}\n#endif"
 
 
 def powers(model: Model) -> str:
@@ -207,8 +201,7 @@ def powers(model: Model) -> str:
         lines.append(f"    const four b{j} = scale4(scale, {total});")
     lines += [f"    a{j} = b{j};" for j in rows]
     lines += [f"    put4(out + 16 * n + {16 + 4 * j}, a{j});" for j in rows] + ["}"]
-    head = f"static inline void {model.name}_powers(const real *c, real h, whole order, real *out)\n{{"
-    return f"{head}\n{_body(lines)}"
+    return _function(model, "powers", lines)
 
 
 def add_constants(model: Model) -> str:
@@ -231,8 +224,7 @@ def add_constants(model: Model) -> str:
     constants = {constant.symbol: f"c[{i}]" for i, constant in enumerate(model.constants)}
     lines = loads(constants, free_symbols(e for _, e in pairs))
     lines += [f"{place} += {written(e)};" for place, e in pairs]
-    head = f"static inline void {model.name}_add_constants(const real *c, const real *e, real *out, whole stride)\n{{"
-    return f"{head}\n{_body(lines)}"
+    return _function(model, "add_constants", lines)
 
 
 def sense(model: Model) -> str:
@@ -246,11 +238,7 @@ def sense(model: Model) -> str:
         for i in range(jacobian.rows) for j in range(jacobian.cols) if jacobian[i, j] != 0
     ]  # fmt: skip
     lines = loads(constants | states, free_symbols(e for _, e in pairs)) + assignments(pairs, "w")
-    head = (
-        f"static inline void {model.name}_sense(const real *c, const real *s, real *z, real *jacobian,\n"
-        "    whole stride)\n{"
-    )
-    return f"{head}\n{_body(lines)}"
+    return _function(model, "sense", lines)
 
 
 def jump(model: Model) -> str:
@@ -265,8 +253,7 @@ def jump(model: Model) -> str:
             lines.append("}")
         elif index == 0:
             lines.insert(0, "(void)constant;")
-    head = f"static inline void {model.name}_jump(const real *s, whole constant, real *out)\n{{"
-    return f"{head}\n{_body(lines)}"
+    return _function(model, "jump", lines)
 
 
 def functions(model: Model) -> list[str]:

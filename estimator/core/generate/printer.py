@@ -1,5 +1,6 @@
 """SymPy's expressions as C for `real` numbers, common subexpressions first."""
 
+import re
 from collections.abc import Iterable, Mapping
 
 import sympy as sp
@@ -75,6 +76,11 @@ def assignments(pairs: Iterable[tuple[str, sp.Expr]], prefix: str) -> list[str]:
     shared, reduced = sp.cse([e for _, e in named], symbols=sp.numbered_symbols(prefix))
     lines = [f"const {_kind(e)} {symbol} = {written(e)};" for symbol, e in shared]
     return lines + [f"{name} = {written(e)};" for (name, _), e in zip(named, reduced, strict=True)]
+
+
+def names_in(arguments: str) -> str:
+    """The names of what a function takes, as a call gives them on."""
+    return ", ".join(re.findall(r"(\w+)(?:,|$)", arguments))
 
 
 def loads(places: Mapping[sp.Symbol, str], used: set[sp.Basic]) -> list[str]:
