@@ -35,10 +35,12 @@ DEG_PER_H, DEG_PER_RTH = math.degrees(3600.0), math.degrees(60.0)
 RATE_S = 0.1
 
 
-def written(folder: Path, seconds: float) -> Path:
-    """Scenario and bench file in `folder`; the bench file's path."""
+def written(folder: Path, seconds: float, seed: int) -> Path:
+    """Scenario, of that seed, and bench file in `folder`; the bench file's path."""
     folder.mkdir(parents=True, exist_ok=True)
     board = find("scenario", "s-modern-5k").read_text(encoding="utf-8").partition("[rate]")[0]
+    assert "\nseed = 1\n" in board
+    board = board.replace("\nseed = 1\n", f"\nseed = {seed}\n")
     for line, more in (
         ("mass_kg = 1e-8\n", f"temperature_K = {TEMPERATURE_K}\n"),
         ("position_m = [2e-6, 0.0]\n", f"bias_flicker_rad_s_at_1Hz = {BIAS_1HZ}\n"),
@@ -110,9 +112,10 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m evaluation.hour", description=__doc__)
     parser.add_argument("--folder", type=Path, required=True)
     parser.add_argument("--seconds", type=float, default=3600.0)
+    parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--kept", action="store_true")
     given = parser.parse_args()
-    bench = written(given.folder, given.seconds)
+    bench = written(given.folder, given.seconds, given.seed)
     if not given.kept:
         begun = time.monotonic()
         subprocess.run([sys.executable, "-m", "hil", "run", bench.name, "--out", "runs"], cwd=given.folder, check=False)
