@@ -106,19 +106,15 @@ def by_a_job(service: Serving, record: Path) -> dict[str, object]:
 
 
 @pytest.mark.slow
-def test_the_service_reads_it(record: Path, tmp_path: Path, install: Install) -> None:
-    install("hil.importers", "abc", "columns", READER)
-    with serving(tmp_path / "runs") as service:
-        row = by_a_job(service, record)
-        assert row["state"] == "done", row
-        assert row["result"]["samples"] == 400  # type: ignore[index]
-
-
-@pytest.mark.slow
-def test_the_client_sends_it_with_its_map(record: Path, tmp_path: Path, install: Install) -> None:
+def test_the_service_reads_it_and_the_client_sends_it_with_its_map(
+    record: Path, tmp_path: Path, install: Install
+) -> None:
     install("hil.importers", "abc", "columns", READER)
     (tmp_path / "mine.map.toml").write_text('hold = "foh"\n')
     with serving(tmp_path / "runs") as service, connect(service.url, service.token()) as client:
+        row = by_a_job(service, record)
+        assert row["state"] == "done", row
+        assert row["result"]["samples"] == 400  # type: ignore[index]
         run = client.import_record(record, name="ride", mapping=tmp_path / "mine.map.toml")
         assert len(run.capture) == 400
         assert run.capture.header["hold"] == "foh"

@@ -64,16 +64,12 @@ def test_in_the_library(link: str, tmp_path: Path) -> None:
     assert counted(hil.record(link, duration_s=1.0, out=tmp_path / "runs").result.model_dump()) == 100
 
 
-def test_in_the_service(link: str, tmp_path: Path) -> None:
-    with serving(tmp_path / "runs") as service:
+def test_in_the_service_and_from_the_client(link: str, tmp_path: Path) -> None:
+    with serving(tmp_path / "runs") as service, connect(service.url, service.token()) as client:
         row = by_a_job(service, link)
         assert row["state"] == "done", row
         made = hil.load(tmp_path / "runs" / row["result"]["run"])  # type: ignore[index]
         assert counted(made.result.model_dump()) == 100
-
-
-def test_from_the_client(link: str, tmp_path: Path) -> None:
-    with serving(tmp_path / "runs") as service, connect(service.url, service.token()) as client:
         run = client.record(link, duration_s=1.0, note="from afar")
         assert (counted(run.result.model_dump()), run.result.operator_note) == (100, "from afar")
 
@@ -121,9 +117,9 @@ def test_a_broken_package_is_one_line_in_pytest(broken: str, pytester: pytest.Py
     result.stdout.fnmatch_lines([f"*{broken}: {SAYS}; {REMEDY}"])
 
 
-@pytest.mark.parametrize("named", ["ascii:/etc/passwd", "ascii:/dev/null", "stim300:/dev/absent"])
-def test_a_request_names_no_file_that_is_no_port(link: str, tmp_path: Path, named: str) -> None:
+def test_a_request_names_no_file_that_is_no_port(link: str, tmp_path: Path) -> None:
     with serving(tmp_path / "runs") as service:
-        refused = service.ask("POST", "/api/jobs", json={"kind": "record", "link": named})
-        assert refused.status_code == 400
-        assert "no serial port of this machine" in refused.json()["error"]
+        for named in ("ascii:/etc/passwd", "ascii:/dev/null", "stim300:/dev/absent"):
+            refused = service.ask("POST", "/api/jobs", json={"kind": "record", "link": named})
+            assert refused.status_code == 400
+            assert "no serial port of this machine" in refused.json()["error"]
