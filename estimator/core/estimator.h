@@ -55,19 +55,12 @@ static inline void settle(Estimator *estimator, const Observer *wide)
         narrow(wide->c, wide->width, estimator->observer.c, wide->n);
 }
 
-/* States and all constants of what is carried: those of effects that are only watched stand behind. */
-static inline whole carried_by(const Settings *settings)
-{
-    return settings->states + settings->sense_constants + settings->flow_constants;
-}
-
 /* Its scratch, made ready when it is first used: every function leaves it fit for the next. */
 static inline Workspace *workspace_of(Estimator *estimator)
 {
     const Observer *observer = &estimator->observer;
-    whole total = carried_by(observer->settings);
-    if (estimator->work.n != observer->n || estimator->work.total != total)
-        workspace_begin(&estimator->work, observer->settings, observer->n, total);
+    if (estimator->work.n != observer->n || estimator->work.total != carried_by(observer->settings))
+        workspace_begin(&estimator->work, observer->settings, observer->n);
     return &estimator->work;
 }
 

@@ -44,7 +44,7 @@ EXPORTED void gyro_experiment_block(Estimator *estimator, const Experiment *plan
     whole back = (whole)FLOOR(plan->late);
     real part = (plan->late - (real)back) * settings->h; /* of a sample, while the drive before still acts */
     real past[MAX_DELAY + 1][MAX_AXES][MAX_DEGREE];
-    workspace_begin(&estimator->work, settings, estimator->observer.n, estimator->observer.total);
+    workspace_begin(&estimator->work, settings, estimator->observer.n);
     memcpy(past, estimator->observer.memory->past, sizeof past);
     for (whole m = 0; m < plan->n; m++) {
         const real u[2] = {memory->queue[0][0], memory->queue[0][1]};

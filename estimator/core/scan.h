@@ -427,7 +427,7 @@ static inline Observer begin_scan(Estimator *estimator, const Scan *scan, Follow
 {
     Observer observer = widened(estimator);
     *follow = following(&observer, scan);
-    workspace_begin(&estimator->work, observer.settings, observer.n, observer.total - follow->watched);
+    workspace_begin(&estimator->work, observer.settings, observer.n);
     return observer;
 }
 

@@ -59,7 +59,7 @@ EXPORTED void gyro_free_run(Estimator *estimator, const FreeRun *run)
 {
     Settings of_its_order = *estimator->observer.settings;
     of_its_order.order = run->order;
-    workspace_begin(&estimator->work, &of_its_order, estimator->observer.n, run->total);
+    workspace_begin(&estimator->work, &of_its_order, estimator->observer.n);
     const Settings *settings = &of_its_order;
     FlowWork *work = &estimator->work.flow;
     whole states = settings->states, axes = settings->axes, total = run->total, columns = work->columns;

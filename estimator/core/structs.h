@@ -75,10 +75,10 @@ typedef struct {
    axes: powers (orders, 16), the terms of exp(M h); drifts (LENGTHS, OF_A_LENGTH), as `drift_matrices` leaves them;
    entries (4, 8), what a unit of each state added to the force of each axis does to the states. */
 typedef struct {
-    whole columns;
     real term[4 * MAX_COLUMNS];
     real other[4 * MAX_COLUMNS];
     real out[4 * MAX_COLUMNS];
+    whole columns;
     Push push;
     real powers[(MOST_TERMS + 1) * 16];
     real drifts[LENGTHS * OF_A_LENGTH];
@@ -88,7 +88,7 @@ typedef struct {
 #endif
 } FlowWork;
 
-/* Scratch of one observer of n states and active constants, `total` with all constants.
+/* Scratch of one observer of n states and active constants, `total` with all constants that are carried.
 
    transition (n, states) the states' rows of the Jacobian, turned; rows (2 states, width) and projected (4, width) of
    covariances; jacobian (2, n) of the measurement, full (2, total) by all constants; gain (n, 2); jump what a constant's
@@ -96,10 +96,9 @@ typedef struct {
    shared: what the second innovation is expected to be when the first is one deviation, deviation: of the first, and of
    the second when the first is known. */
 typedef struct {
+    FlowWork flow; /* first: its rows begin where those of vector registers may */
     whole n;
-    whole width;
     whole total;
-    FlowWork flow;
     real transition[MAX_ENTRIES * 4];
     real rows[8 * MAX_WIDTH];
     real projected[4 * MAX_WIDTH];
@@ -122,22 +121,20 @@ static inline whole filled_up(whole n)
     return (n + 3) / 4 * 4;
 }
 
-/* Make a flow's scratch ready for a model whose constants, effects' coefficients included, are so many. */
-static inline void flow_begin(FlowWork *work, const Settings *settings, whole constants)
+/* States and all constants of what is carried: those of effects that are only watched stand behind. */
+static inline whole carried_by(const Settings *settings)
 {
-    memset(work, 0, sizeof *work);
-    work->columns = filled_up(1 + settings->states + settings->flow_constants);
-    whole reached = work->columns + settings->sense_constants - settings->states; /* by rows of lanes */
-    work->push.constants = constants > reached ? constants : reached;
+    return settings->states + settings->sense_constants + settings->flow_constants;
 }
 
-static inline void workspace_begin(Workspace *work, const Settings *settings, whole n, whole total)
+/* Make scratch ready for an observer of n states and active constants. */
+static inline void workspace_begin(Workspace *work, const Settings *settings, whole n)
 {
     memset(work, 0, sizeof *work);
     work->n = n;
-    work->width = filled_up(n);
-    work->total = total;
-    flow_begin(&work->flow, settings, total - settings->states);
+    work->total = carried_by(settings);
+    work->flow.columns = filled_up(1 + settings->states + settings->flow_constants);
+    work->flow.push.constants = work->flow.columns + settings->sense_constants - settings->states; /* by rows of lanes */
 }
 
 #endif

@@ -36,18 +36,23 @@ static inline real along(const Cubic *cubic, real t)
            cubic->after * t * t * (R(3.0) - R(2.0) * t) + cubic->slope_after * t * t * (t - R(1.0));
 }
 
-/* Where in [0, 1] it is zero; its ends differ in sign. */
-static inline real passing(const Cubic *cubic)
+/* Where between low and high it has come so far from a value, up for a sign of 1 and down for -1, by halvings. */
+static inline real passing(const Cubic *cubic, real from, real sign, real far, real low, real high, int halvings)
 {
-    real low = R(0.0), high = R(1.0);
-    for (int k = 0; k < 20; k++) { /* where exactly the interval is cut hardly matters */
-        real t = R(0.5) * (low + high);
-        if ((along(cubic, t) > R(0.0)) == (cubic->before > R(0.0)))
-            low = t;
+    for (int k = 0; k < halvings; k++) {
+        real middle = R(0.5) * (low + high);
+        if (sign * (along(cubic, middle) - from) < far)
+            low = middle;
         else
-            high = t;
+            high = middle;
     }
     return R(0.5) * (low + high);
+}
+
+/* Where in [0, 1] it is zero; its ends differ in sign.  Where exactly the interval is cut hardly matters. */
+static inline real zero_of(const Cubic *cubic)
+{
+    return passing(cubic, R(0.0), cubic->before > R(0.0) ? R(-1.0) : R(1.0), R(0.0), R(0.0), R(1.0), 20);
 }
 
 /* Put a cut among the others, no more than fit. */
@@ -72,17 +77,8 @@ static inline void catches(real s, real width, const Cubic *cubic, real turn, Cu
         if (!(until > at))
             continue;
         real there = along(cubic, until), sign = there > x ? R(1.0) : R(-1.0), left = width - sign * s;
-        if (left > (R(1.0) - CAUGHT) * width && sign * (there - x) > left) {
-            real low = at, high = until;
-            for (int k = 0; k < 40; k++) {
-                real middle = R(0.5) * (low + high);
-                if (sign * (along(cubic, middle) - x) < left)
-                    low = middle;
-                else
-                    high = middle;
-            }
-            insert_sorted(cuts, R(0.5) * (low + high));
-        }
+        if (left > (R(1.0) - CAUGHT) * width && sign * (there - x) > left)
+            insert_sorted(cuts, passing(cubic, x, sign, left, at, until, 40));
         real moved = sign * s + sign * (there - x);
         s = sign * (moved < width ? moved : width);
         at = until;
@@ -129,7 +125,7 @@ static inline void cut_ways(const Settings *settings, const Interval *interval, 
         if (swing->begin[row] * swing->end[row] < R(0.0)) {
             find_slopes(settings, interval, c, swing);
             Cubic velocity = velocity_of(swing, row, R(0.0), h);
-            at = passing(&velocity);
+            at = zero_of(&velocity);
             insert_sorted(cuts, at);
         }
         if (settings->slips[k][3] == STOP && h > R(0.0)) {
@@ -162,7 +158,7 @@ static inline void turnovers(const Settings *settings, const Interval *interval,
                 continue;
             find_slopes(settings, interval, c, &swing);
             Cubic velocity = velocity_of(&swing, row, speed, interval->h);
-            insert_sorted(cuts, passing(&velocity));
+            insert_sorted(cuts, zero_of(&velocity));
         }
     }
     cut_ways(settings, interval, c, &work->push, &swing, cuts);

@@ -5,9 +5,9 @@
 
 #define PIECE __attribute__((visibility("default")))
 
-PIECE whole p_workspace(Workspace *work, const Settings *settings, whole n, whole total)
+PIECE whole p_workspace(Workspace *work, const Settings *settings, whole n)
 {
-    workspace_begin(work, settings, n, total);
+    workspace_begin(work, settings, n);
     return (whole)sizeof *work;
 }
 

@@ -61,7 +61,7 @@ class Workspace:
 
     def __init__(self, settings: Any, n: int, total: int) -> None:
         self.buffer = np.zeros(1, STRUCTURES.row("Workspace"))[0]
-        size = piece("p_workspace", self.buffer, settings, n, total, result=ctypes.c_int64)
+        size = piece("p_workspace", self.buffer, settings, n, result=ctypes.c_int64)
         assert size == self.buffer.nbytes
         self.push = self.buffer["flow"]["push"]
         self.jacobian, self.full, self.gain = (

@@ -44,7 +44,7 @@ void gyro_estimator_init(gyro_estimator *estimator)
 @INIT_SECOND@    }
     estimator->memory.nis = R(1.0);
     estimator->memory.dither = UINT64_C(@DITHER@);
-    workspace_begin(&estimator->work, &settings, ESTIMATED, TOTAL);
+    workspace_begin(&estimator->work, &settings, ESTIMATED);
 }
 
 /* z and u are scaled. */
