@@ -21,27 +21,16 @@ class Fitness:
     """Whether a record can be traced at all."""
 
     fewest_samples: int = _set(150, "samples", "Fewer cannot be divided into a part to choose by and one to score on.")
-    fewest_free_cycles: float = _set(5.0, "cycles", "A free response cannot be made longer.")
-    fewest_driven_cycles: float = _set(
-        100.0, "cycles", "A driven gyro can run longer, and its envelope is to be seen to move."
-    )
+    fewest_cycles: float = _set(5.0, "cycles", "Fewer tell no damping from a stiffness.")
     moves: float = _set(3.0, "× the declared noise", "A channel below this shows nothing but noise.")
-    rest: float = _set(2.0, "cycles", "Eight samples at least, which tell noise from motion; a mass stops within one.")
     lost_share: float = _set(0.5, "share of the samples", "With more lost, the gaps and not the device are fitted.")
     end_samples: int = _set(
         20, "samples", "At the end of the scale fewer repeat a peak by chance; before it so many are a parabola."
     )
-    end_excess: float = _set(
-        5.0, "× the samples just below the end", "A sine has a few times more samples at its top than beside it."
-    )
-    beside_end: int = _set(5, "values of the converter", "These are what the count at the end is compared with.")
-    beyond_end: float = _set(
-        2.0, "codes beyond the end", "So far leads the motion before it, where it was cut off and does not stand still."
+    end_codes: int = _set(
+        5, "values of the converter", "A sine has more samples at so many below its top than at it, and turns there."
     )
     clipped_share: float = _set(1e-3, "share of the samples", "So few move no coefficient by its interval.")
-    line_share: float = _set(
-        0.1, "share of the power", "A line with less is not what the record is of, and does not ask for a faster one."
-    )
 
 
 @dataclass(frozen=True)
@@ -49,7 +38,7 @@ class Candidates:
     """What is watched for, and at which frequencies and thresholds."""
 
     strongest: int = _set(
-        3, "lines or peaks", "Beyond the strongest few the next round sees them, once those are carried."
+        3, "kinds, lines or peaks", "Beyond the strongest few the next round sees them, once those are carried."
     )
     damping_ratio: float = _set(0.005, "ζ", "A start for modes of silicon where the response does not tell.")
     off_resonance: float = _set(
@@ -57,30 +46,38 @@ class Candidates:
     )
     least_damping_ratio: float = _set(1e-4, "ζ", "A response that tells less is narrower than its own bins.")
     beside_peak: int = _set(8, "bins to either side", "So many bins of the response belong to the peak of one mode.")
-    saturation: tuple[float, ...] = _set(
-        (0.04, 0.12, 0.3, 0.55, 0.75, 0.92), "of the largest drive", "From one to the next, a climb reaches the limit."
+    shares: tuple[float, ...] = _set(
+        (0.02, 0.1, 0.3, 0.6, 0.8, 0.95), "of the largest drive or displacement", "From one to the next, a fit goes on."
     )
-    dead_band: tuple[float, ...] = _set((0.02, 0.06, 0.15, 0.5), "of the drive's rms", "The same for a dead band.")
-    clipping: tuple[float, ...] = _set(
-        (0.6, 0.75, 0.9, 0.98), "of the largest sensed displacement", "The same for a level of the sense."
+    dead_band: tuple[float, ...] = _set(
+        (0.02, 0.06, 0.15, 0.5),
+        "of the drive's rms",
+        "The same for a dead band, whose likelihood has a top at each kink.",
     )
-    segment: int = _set(4096, "samples", "Resolves modes a thousandth of the sampling rate apart.")
     segments: int = _set(8, "segments in the record at least", "A coherence of fewer segments is one by itself.")
 
 
 @dataclass(frozen=True)
 class Criterion:
-    """What chance gains."""
+    """What decides a verdict."""
 
-    chance: float = _set(1e-4, "probability", "Of a check to fail where all is well, or of a motion that is none.")
+    chance: float = _set(
+        1e-3, "probability", "Of a check to fail where all is well, of a name where nothing is, of a motion in noise."
+    )
+    floor: float = _set(1.1, "× the noise floor", "So much a complete model may leave: what the word says.")
+    disturbance: float = _set(
+        0.02, "share of the innovation's power", "A hundredth of the rms, beside what the noise is known to."
+    )
+    prior: float = _set(4.5, "declared deviations", "A bench file is not right to the letter.")
+    tie: float = _set(9.0, "of 2 ln L", "Odds of a hundred to one, below which two accounts are told together.")
+    part: float = _set(0.5, "share of a power", "What holds less of a record or of a residual is not what that is of.")
 
 
 @dataclass(frozen=True)
 class Start:
     """How a pass over a record begins."""
 
-    cycles: float = _set(1.5, "cycles", "They show the motion to some percent, as far as amplitude and rate may move.")
-    harmonics: int = _set(3, "orders", "What a channel bends is in the second and the third.")
+    cycles: float = _set(2.0, "cycles", "They show a motion to some percent, or that there is none.")
     memories: float = _set(3.0, "memories of the observer", "A start from declared values has decayed to a twentieth.")
     longest_memory: float = _set(1.0, "s", "An observer of longer memory has settled its motion by then.")
     most: int = _set(4, "1 / share of the record", "A short record is not scored by its last part alone.")
@@ -99,9 +96,6 @@ class Floor:
 
     bins: int = _set(64, "bins", "Fewer tell a floor to no better than a fifth.")
     upper: float = _set(4.0, "1 / share of the sampling rate", "The floor is read from the upper half of the spectrum.")
-    above: float = _set(1.5, "resonances", "And from above the resonance's own skirts.")
-    periodic: float = _set(1e-4, "of the drive's rms", "A period that comes back is the same to this.")
-    compared: int = _set(256, "samples", "Two periods are compared over that at least.")
 
 
 @dataclass(frozen=True)
@@ -112,9 +106,6 @@ class Spectrum:
     sideband: float = _set(
         1.0 / 8.0, "resonances", "So near to a multiple a line is what modulation and rotation make of that."
     )
-    floor_bins: int = _set(512, "bins", "The median of so many is sure to 5 %.")
-    floor_width: float = _set(0.5, "resonances", "Four bands: what is in one moves the median little.")
-    skirts: float = _set(6.0, "× the floor", "A line's skirts end there.")
 
 
 @dataclass(frozen=True)

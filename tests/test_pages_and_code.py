@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from estimator.trace import checks, likelihood, search
-from estimator.trace.ambiguity import TIE
+from estimator.trace.likelihood import TIE
 from estimator.trace.result import MOST
 from hil.bench.calibration import ASSUMED, Assumed, Calibration
 from tests.test_doc_links import ROOMS
@@ -47,7 +47,7 @@ def test_a_key_of_the_calibration_says_what_is_assumed_without_it(name: str) -> 
 
 def test_pages_repeat_what_the_tracer_decides_by_as_it_is() -> None:
     """Search and checks, each with its threshold."""
-    assert f"2 ln(kinds / {power(search.CHANCE)})" in EXPLANATION
+    assert f"2 ln(kinds / {power(likelihood.RARE)})" in EXPLANATION
     assert (
         f"The {('', 'one', 'two', 'three', 'four', 'five', 'six')[search.SHORTLIST]} kinds with the largest gains"
         in EXPLANATION
@@ -56,7 +56,7 @@ def test_pages_repeat_what_the_tracer_decides_by_as_it_is() -> None:
     table = (DOCS / "reference" / "trace.md").read_text(encoding="utf-8")
     assert f"less than {likelihood.AT_FLOOR:g} × the noise floor" in table
     assert f"more than {checks.PRIOR:g} standard deviations from what the bench file declares" in table
-    assert f"negative by more than {search.FORBIDDEN:g} standard deviations" in table
+    assert f"negative by more than {search.FORBIDDEN:.3g} standard deviations" in table
     assert f"less than {100.0 * checks.DISTURBANCE:g} % of the innovation's power" in table
     assert f"one of {power(1.0 / likelihood.RARE)} records" in table
     assert MOST == 0.5

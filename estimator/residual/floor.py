@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.chance import chi2_isf
 from estimator.residual.spectrum import ORDERS, Periodogram, folded
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
@@ -69,27 +70,26 @@ def quiet_bins(frequency: Array, sample_rate: float, resonance: float) -> NDArra
     away: NDArray[np.bool_] = np.ones(len(frequency), dtype=bool)
     for order in range(ORDERS + 1):
         away &= np.abs(frequency - folded(order * resonance, sample_rate)) > THRESHOLDS.spectrum.sideband * resonance
-    upper: NDArray[np.bool_] = away & (frequency > max(sample_rate / _SET.upper, _SET.above * resonance))
+    upper: NDArray[np.bool_] = away & (frequency > sample_rate / _SET.upper)
     return upper if np.sum(upper) >= _SET.bins else away
 
 
 def repeated_noise(sense: Array, drive: Array) -> Array | None:
     """Noise (axes,) in volts from periods of the drive that repeat exactly, None where they do not.
 
-    sense (n, axes) V, drive (n, axes).  Two periods of a settled response differ by noise only; the quieter half of the
-    pairs of periods is taken, since the first ones may still be settling.
+    sense (n, axes) V, drive (n, axes).  Two periods of a settled response differ by noise only; the median of the pairs
+    of periods is taken, since the first ones may still be settling, over that of χ².
     """
     period = _period(drive)
     if period is None:
         return None
-    period *= math.ceil(_SET.compared / period)  # the quieter half of shorter stretches would be quiet by chance
     difference = sense[period:] - sense[:-period]
     pairs = len(difference) // period
     if pairs < 1:
         return None
     size = np.array([np.nanmean(difference[i * period : (i + 1) * period] ** 2, axis=0) for i in range(pairs)])
-    quieter = np.argsort(np.sum(size, axis=1))[: (pairs + 1) // 2]
-    return np.asarray(np.sqrt(np.mean(size[quieter], axis=0) / 2.0))
+    usual = np.quantile(size, 0.5, axis=0, method="lower")
+    return np.asarray(np.sqrt(usual * period / chi2_isf(0.5, float(period)) / 2.0))
 
 
 def _period(drive: Array) -> int | None:
@@ -102,5 +102,6 @@ def _period(drive: Array) -> int | None:
     lags = np.arange(1, n // 2 + 1)
     # What is left of the drive where it is taken from itself so much later, by sample.
     left = (squares[-1] - squares[lags] + squares[n - lags] - 2.0 * both[lags]) / (n - lags)
-    same = np.flatnonzero(left < _SET.periodic**2 * squares[-1] / n)
+    # Which is known to the rounding of sums that cancel.
+    same = np.flatnonzero(left < np.sqrt(np.finfo(float).eps) * squares[-1] / n)
     return int(lags[same[0]]) if len(same) else None

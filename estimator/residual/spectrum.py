@@ -106,7 +106,8 @@ def periodogram(series: Array, sample_rate: float, resonance: float) -> Periodog
 def _local_floor(power: Array, frequency: Array, resonance: float) -> tuple[Array, float]:
     """Median of blocks over ln 2, which a line within moves little, joined by straight lines; degrees of freedom."""
     bins = len(frequency)
-    width = max(_SET.floor_bins, math.ceil(_SET.floor_width * resonance / (frequency[1] - frequency[0])))
+    # As wide as the resonance is high: one multiple of it in each.
+    width = max(THRESHOLDS.floor.bins, math.ceil(resonance / (frequency[1] - frequency[0])))
     edges = np.linspace(0, bins, max(bins // width, 1) + 1).astype(int)
     blocks = [slice(start, stop) for start, stop in pairwise(edges)]
     middles = np.array([np.mean(frequency[block]) for block in blocks])
@@ -150,7 +151,7 @@ def lines(spectrum: Periodogram, sample_rate: float, resonance: float, level: fl
         log_p = of_many(_log_tail(float(ordinates[peak]), axes, spectrum.degrees), len(ordinates))
         if not free[peak] or log_p > math.log(level):
             break
-        start, stop = _extent(ordinates, peak, axes)
+        start, stop = _extent(spectrum, peak, level)
         claimed = slice(start, stop)
         excess = np.sum(spectrum.density[claimed] - spectrum.floor[claimed]) * spectrum.spacing
         frequency = _between_bins(spectrum, peak)
@@ -165,13 +166,17 @@ def _apart(frequency: float, found: list[Line], spacing: float) -> bool:
     return all(abs(frequency - line.frequency) > 2 * LOBE * spacing for line in found)
 
 
-def _extent(ordinates: Array, peak: int, axes: int) -> tuple[int, int]:
-    """Bins of a line: its lobe, and on while its skirts stand clear of the floor."""
-    clear = _SET.skirts * axes
+def _extent(spectrum: Periodogram, peak: int, level: float) -> tuple[int, int]:
+    """Bins of a line: its lobe, and on while each has less than `level` of being floor."""
+    ordinates, axes = spectrum.ordinates, spectrum.density.shape[1]
+
+    def clear(at: int) -> bool:
+        return _log_tail(float(ordinates[at]), axes, spectrum.degrees) < math.log(level)
+
     start, stop = max(peak - LOBE, 0), min(peak + LOBE + 1, len(ordinates))
-    while start > 0 and ordinates[start - 1] > clear:
+    while start > 0 and clear(start - 1):
         start -= 1
-    while stop < len(ordinates) and ordinates[stop] > clear:
+    while stop < len(ordinates) and clear(stop):
         stop += 1
     return start, stop
 

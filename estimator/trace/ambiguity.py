@@ -9,11 +9,10 @@ from estimator.effects.labels import kind
 from estimator.side_by_side import side_by_side
 from estimator.trace.exchange import Exchange, exchange_test
 from estimator.trace.fit import RISE, FittedModel, advanced, at, settle
-from estimator.trace.likelihood import Likelihood
+from estimator.trace.likelihood import TIE, Likelihood
 from estimator.trace.score_test import score_test
 from estimator.trace.search import (
     QUICK,
-    SHORTLIST,
     carried_over,
     forbidden,
     impossible,
@@ -22,8 +21,6 @@ from estimator.trace.search import (
     without_effect,
 )
 
-TIE = 9.0
-"""Of twice the log-likelihood: odds of a hundred to one, below which two accounts are told together."""
 SHARE = 0.1
 """Of what an effect gains: a candidate that loses less in its place, on a parabola that holds near by, is fitted."""
 
@@ -115,7 +112,7 @@ def _first_of_each_kind(of: Likelihood, exchanges: list[Exchange], taken: set[st
         possible = not forbidden(of, one.name, one.size, one.deviation)
         if one.loss < most and kind(one.name) not in taken and possible:
             found.setdefault(kind(one.name), one)
-    return list(found.values())[:SHORTLIST]
+    return list(found.values())
 
 
 def _exchanged(of: Likelihood, best: FittedModel, name: str, exchange: Exchange) -> FittedModel:

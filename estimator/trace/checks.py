@@ -10,6 +10,7 @@ import numpy as np
 
 from estimator.chance import chi2_isf
 from estimator.scaling import Array
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fit import PRIOR, FittedModel, beside
 from estimator.trace.likelihood import AT_FLOOR, RARE, Check, Evaluation, Likelihood
 from estimator.trace.reference import Departure
@@ -20,8 +21,8 @@ OF_THE_REST = ("noise floor", "disturbance")
 """Checks of what a model leaves."""
 SMALL = 1e-6
 """Of what is known beforehand, or of what a record says of its constants: what it says less of counts for nothing."""
-DISTURBANCE = 0.02
-"""Share of the innovation's power that a random force may explain beside a complete model: a hundredth of the rms."""
+DISTURBANCE = THRESHOLDS.criterion.disturbance
+"""Share of the innovation's power that a random force may explain beside a complete model."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from estimator.trace.likelihood import (
     evaluate,
     reach_of,
 )
-from estimator.trace.noise import level
+from estimator.trace.noise import MEDIAN_OF_SQUARE, level
 from estimator.trace.problem import Effects, Problem
 
 FIRST = 2500
@@ -34,8 +34,6 @@ RATE_DECADES = 2.0
 """Above the declared random walk of the rate.  Not below: the rate may do later what it did not do yet."""
 CLOSE, ROUGH = 0.5, 1.0
 """Decades to which a level is found: the likelihood of any parameter is flat beside that."""
-MEDIAN_OF_SQUARE = 0.455
-"""Of a standard normal number."""
 QUIET = 1e-9
 """Of the scaled units: a random force or rate that is none."""
 

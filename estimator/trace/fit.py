@@ -6,11 +6,12 @@ from functools import cached_property
 import numpy as np
 
 from estimator.scaling import Array
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.likelihood import Evaluation, Layout, Likelihood, Model
 from estimator.trace.problem import Effects
 
-PRIOR = 4.5
-"""Deviations of its prior that a constant may be off: a bench file is not right to the letter."""
+PRIOR = THRESHOLDS.criterion.prior
+"""Deviations of its prior that a constant may be off."""
 PASSES = 12
 """Gauss–Newton converges in three to six; more are a fit that has no top nearby."""
 ROUGH = 2

@@ -40,7 +40,7 @@ def require_length(record: Record, device: Device, split: int) -> None:
 
     Raises ModelError with how long a record is needed.
     """
-    fewest = 0.0 if device.axes == 1 else _SET.fewest_driven_cycles if np.any(record.drive) else _SET.fewest_free_cycles
+    fewest = 0.0 if device.axes == 1 else _SET.fewest_cycles
     frequency = math.sqrt(max(device.target, 0.0)) / (2.0 * math.pi)
     needed = max(fewest / frequency if frequency else 0.0, _SET.fewest_samples * float(np.mean(record.step)))
     share = min(split, len(record) - split) / max(len(record), 1)
@@ -79,7 +79,7 @@ def _strongest(sense: Array, rate: float) -> float:
     peak = int(np.argmax(power))
     bins = 2  # to either side: the lobe of a Hann window
     lobe = float(np.sum(power[max(peak - bins, 0) : peak + bins + 1]))
-    return peak * rate / len(sense) if lobe > _SET.line_share * float(np.sum(power)) else 0.0
+    return peak * rate / len(sense) if lobe > THRESHOLDS.criterion.part * float(np.sum(power)) else 0.0
 
 
 def _require_whole_tops(series: Array, name: str) -> None:
@@ -89,8 +89,8 @@ def _require_whole_tops(series: Array, name: str) -> None:
     cut = 0
     for values in (series, -series):
         codes, counts = np.unique(values, return_counts=True)
-        beside = counts[-1 - _SET.beside_end : -1]
-        crowded = len(beside) and counts[-1] > max(_SET.end_samples, _SET.end_excess * float(np.mean(beside)))
+        beside = counts[-1 - _SET.end_codes : -1]
+        crowded = len(beside) and counts[-1] > max(_SET.end_samples, np.sum(beside))
         if crowded and reached_at_speed(values, float(np.median(np.diff(codes)))):
             cut += int(counts[-1])
     if cut > _SET.clipped_share * len(series):
@@ -134,7 +134,7 @@ def reached_at_speed(values: Array, code: float) -> bool:
     """Whether a series runs into its largest value as into a wall, as one that is cut off does.
 
     The parabola through the samples before each stretch at that value is carried on over the stretch.  Of what comes to
-    rest there (friction that holds) it does not lead beyond the value by more than two codes; of what was cut off it
+    rest there (friction that holds) it does not lead beyond the value by more than a few codes; of what was cut off it
     does, half of the times at least.
     """
     top = np.max(values)
@@ -146,7 +146,7 @@ def reached_at_speed(values: Array, code: float) -> bool:
         if begin >= before:
             parabola = np.polyfit(np.arange(-before, 0), values[begin - before : begin] - top, 2)
             beyond.append(np.max(np.polyval(parabola, np.arange(min(end - begin, before)))))
-    return bool(beyond) and bool(np.median(beyond) > _SET.beyond_end * code)
+    return bool(beyond) and bool(np.median(beyond) > _SET.end_codes * code)
 
 
 def _require_excitation(record: Record, device: Device) -> None:
@@ -171,7 +171,7 @@ def moves_until(record: Record, device: Device) -> int:
     if np.any(record.drive) or device.target <= 0.0:
         return samples
     period = 2.0 * math.pi / math.sqrt(device.target)
-    length = max(round(_SET.rest * period / float(np.median(record.step))), 2)
+    length = max(round(THRESHOLDS.start.cycles * period / float(np.median(record.step))), 2)
     stretches = samples // length
     last = -1
     for series, noise in zip(record.sense.T, device.noise, strict=True):

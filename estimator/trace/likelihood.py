@@ -38,10 +38,12 @@ SPEED = (1, -1)
 """Powers of length and time in the unit of a velocity."""
 START_CYCLES = 3.0
 """What the start of a filter tells depends on how it was begun: it does not count."""
-AT_FLOOR = 1.1
-"""Innovation over the noise floor, rms, that a complete model may leave: what the word says."""
+AT_FLOOR = THRESHOLDS.criterion.floor
+"""Innovation over the noise floor, rms, that a complete model may leave."""
 RARE = THRESHOLDS.criterion.chance
-"""How often a check fails where all is well."""
+"""How often a check fails where all is well, and how often an effect may be named that is not there."""
+TIE = THRESHOLDS.criterion.tie
+"""Of twice the log-likelihood, below which two accounts are told together."""
 NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)
 """Constants of which no sensitivity is followed."""
 
@@ -351,30 +353,11 @@ def observer_of(problem: Problem, effects: Effects, noise: Noise | None, tested:
     return Observer(device, settings, watched=len(tested or {}), known=True)
 
 
-class Coefficient(Protocol):
-    """A number that an effect has; positive: no such effect has a negative one; is_shape: it says how the effect is,
-    and not how large; bent: where it is given, a score test takes the derivative there, and no fit begins there.
-    """
-
-    @property
-    def name(self) -> str: ...
-
-    @property
-    def unit(self) -> str: ...
-
-    @property
-    def positive(self) -> bool: ...
-
-    @property
-    def is_shape(self) -> bool: ...
-
-    @property
-    def bent(self) -> bool: ...
-
-
 @dataclass(frozen=True)
 class Size:
-    """A coefficient: its name, its SI unit, whether no such effect has a negative one."""
+    """A coefficient: its name, its SI unit, whether no such effect has a negative one; is_shape: it says how the effect
+    is, and not how large; bent: where it is given, a score test takes the derivative there, and no fit begins there.
+    """
 
     name: str
     unit: str
@@ -387,7 +370,7 @@ class Described(Protocol):
     """What search, checks and report know of an effect; signals: what a pass has to carry for it."""
 
     @property
-    def coefficients(self) -> Sequence[Coefficient]: ...
+    def coefficients(self) -> Sequence[EffectCoefficient | Size]: ...
 
     @property
     def signals(self) -> Sequence[object]: ...

@@ -2,6 +2,9 @@
 
 from collections.abc import Callable
 
+MEDIAN_OF_SQUARE = 0.455
+"""Of a standard normal number."""
+
 
 def level(likelihood: Callable[[float], float], start: float, between: tuple[float, float], close: float) -> float:
     """The decade with the largest likelihood next to `start`, to within `close`: steps down first, then up, each that

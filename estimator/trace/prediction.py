@@ -14,7 +14,7 @@ from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.trace.observed import run
 from estimator.trace.problem import Problem
-from estimator.trace.start import settling
+from estimator.trace.start import settled_from
 
 READ = 100_000
 """Samples on either side of the split that are run freely, and over which the angle is read: more costs minutes."""
@@ -22,8 +22,6 @@ FREE_CYCLES, FOLLOWED = 20, 3
 """So long the bench is at most without samples before it stops; and times that, after which it has recovered."""
 UNSEEN = 1e12
 """Times the variance of the noise: such a measurement changes nothing."""
-SETTLED = 8
-"""A free run begins within one of so many parts of the record."""
 
 
 def free_run_error(problem: Problem, split: int) -> Array:
@@ -47,7 +45,7 @@ def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
     observer = Observer(device, replace(settings, gain=fading), problem.controller)
     observer.hold_coefficients()
     _begin_at(observer, record, first)
-    begin = first + max(min(settling(settings, device), (last - first) // SETTLED), 1)
+    begin = first + max(settled_from(settings, device, last - first), 1)
     run(observer, record.part(slice(first, begin)))
     while begin + free <= last:
         rows = slice(begin, begin + free)

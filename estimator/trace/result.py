@@ -7,6 +7,7 @@ from functools import partial
 from estimator.diagnosis import Dependence, Diagnosis, Found, Rejected, Unconfirmed, Verdict
 from estimator.scaling import Array, Scaling
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.angle import AngleReader
 from estimator.trace.checks import Evidence
 from estimator.trace.chosen import Chosen
@@ -20,7 +21,7 @@ from estimator.trace.probabilities import probabilities
 from estimator.trace.problem import Problem, Progress
 from estimator.trace.rejected import Failed, rejected
 
-MOST = 0.5
+MOST = THRESHOLDS.criterion.part
 """Of the power above the noise floor, that effects have to account for which explain a part."""
 
 

@@ -7,24 +7,22 @@ from itertools import zip_longest
 
 import numpy as np
 
+from estimator.chance import chi2_isf
 from estimator.effects.labels import kind
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fit import PRIOR, ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
-from estimator.trace.likelihood import Layout, Likelihood, Model
+from estimator.trace.likelihood import RARE, TIE, Layout, Likelihood, Model
 from estimator.trace.problem import Progress, unseen
 from estimator.trace.score_test import Score, score_test
 
-SHORTLIST = 4
+SHORTLIST = THRESHOLDS.candidates.strongest
 """Kinds of effects that are fitted in a round: one of the two tables of scores has the right one first or second."""
 QUICK = 8_000
 """Samples on which the shortlist is fitted first."""
-CLEAR = 30.0
-"""The lead in twice the log-likelihood there, beyond which there is no second."""
-FORBIDDEN = 3.0
+FORBIDDEN = chi2_isf(2.0 * RARE, 1.0) ** 0.5
 """Deviations below zero of a coefficient that physics makes positive, beyond which it is no such effect."""
-CHANCE = 1e-3
-"""How often an effect may be named that is not there, over a whole search."""
 QUIETER = 100.0
 """By how much less random force the scores are taken once more, and again."""
 
@@ -54,7 +52,7 @@ class Search:
 
 def margin(kinds: int) -> float:
     """What an effect's criterion has to exceed that of a model without it, so many kinds having been looked at."""
-    return 2.0 * float(np.log(kinds / CHANCE))
+    return 2.0 * float(np.log(kinds / RARE))
 
 
 def search(
@@ -107,9 +105,9 @@ def fitted_candidates(of: Likelihood, base: FittedModel, shortlist: Sequence[Sco
     possible = [pair for pair in zip(shortlist, tried, strict=True) if not impossible(of, pair[0].name, pair[1])]
     best = max((one.criterion for _, one in possible), default=0.0)
     begun = [
-        (score.name, partial(_from, of, one) if one.criterion > best - CLEAR else partial(with_effect, of, base, score))
+        (score.name, partial(_from, of, one) if one.criterion > best - TIE else partial(with_effect, of, base, score))
         for score, one in possible
-        if one.criterion > best - CLEAR or (score is shortlist[0] and one.criterion < start.criterion)
+        if one.criterion > best - TIE or (score is shortlist[0] and one.criterion < start.criterion)
     ]
     done = side_by_side([fit for _, fit in begun])
     ranked = sorted(zip([name for name, _ in begun], done, strict=True), key=lambda pair: -pair[1].criterion)
@@ -140,8 +138,9 @@ def scored(of: Likelihood, fitted: FittedModel) -> tuple[tuple[Score, ...], ...]
         if not now.evaluation.sound:
             break
         found = score_test(of, now, of.candidates(now.model, now.evaluation))
-        if max(one.gain for one in found) > max(one.gain for one in best):
-            best = found
+        if max(one.gain for one in found) <= max(one.gain for one in best):
+            break
+        best = found
     return (table,) if best is table else (table, best)
 
 
@@ -180,7 +179,7 @@ def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedMode
     starts = [at(of, layout, one) for one in (model, _where_tested(layout, model, score.name)) if one is not None]
     found = maximise(of, max(starts, key=lambda one: one.objective), ROUGH)
     if not found.evaluation.sound or found.objective < fitted.objective:
-        found = maximise(of, at(of, layout, replace(model, theta=carried_over(fitted, layout))))
+        found = maximise(of, at(of, layout, replace(model, theta=carried_over(fitted, layout))), ROUGH)
     return settle(of, at(of, layout, of.quieten(layout, found.model)))
 
 

@@ -13,12 +13,12 @@ import numpy as np
 from estimator.scaling import Array
 from estimator.settings import Device, Gain
 from estimator.side_by_side import side_by_side
-from estimator.trace.ambiguity import TIE, Member
+from estimator.trace.ambiguity import Member
 from estimator.trace.checks import covariance
 from estimator.trace.experiments import EXPERIMENTS, SETTLED, Experiment, in_words, loop_record, turn_for
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, beside
-from estimator.trace.likelihood import BLOCKS, Model
+from estimator.trace.likelihood import BLOCKS, TIE, Model
 from estimator.trace.problem import Effects, Problem, Progress
 from estimator.trace.score_test import projected
 

@@ -36,7 +36,8 @@ def first_motion(record: Record, omega: float) -> Array:
     """
     cycle = 2.0 * np.pi / omega / float(np.mean(record.step))
     # A harmonic close to half the sampling rate has its cosine or its sine alone; twice as many samples as unknowns.
-    orders = [order for order in range(1, 1 + _SET.harmonics) if order == 1 or 2.5 * order < cycle]
+    most = THRESHOLDS.spectrum.orders
+    orders = [order for order in range(1, 1 + most) if order == 1 or 2.5 * order < cycle]
     rows = slice(0, int(np.ceil(max(_SET.cycles * cycle, 2.0 * (1 + 2 * len(orders))))))
     phase, sense = omega * np.cumsum(record.step[rows]), record.sense[rows]
     waves = [wave(order * phase) for order in orders for wave in (np.cos, np.sin)]

@@ -55,10 +55,10 @@ def of_thresholds(record: Record, device: Device) -> dict[Search, Values]:
     drive = np.abs(record.drive[:, :, 0]) * device.drive_gain
     if np.any(drive):
         largest, usual = float(np.max(drive)), float(np.sqrt(np.mean(drive**2)))
-        values[Search.LIMITS] = labelled(_SET.saturation, largest)
+        values[Search.LIMITS] = labelled(_SET.shares, largest)
         values[Search.BANDS] = labelled(_SET.dead_band, usual)
     reach = np.nanmax(np.abs(record.sense / np.abs(device.sense_gain)))
-    return values | {Search.LEVELS: labelled(_SET.clipping, float(reach))}
+    return values | {Search.LEVELS: labelled(_SET.shares, float(reach))}
 
 
 def of_modes(record: Record, device: Device, whitened: Array) -> Values:
@@ -138,7 +138,7 @@ def _peaks(series: Array) -> list[int]:
 
 def _segment(record: Record) -> int:
     """Samples from which a response to the drive is found."""
-    return min(_SET.segment, len(record) // _SET.segments)
+    return len(record) // _SET.segments
 
 
 def at_resonance(record: Record, device: Device, omega: Array) -> NDArray[np.bool_]:

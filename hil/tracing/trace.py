@@ -11,6 +11,7 @@ from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.missing_force.result import MissingForce
 from estimator.side_by_side import interruptible, one_blas_thread, workers
+from estimator.thresholds import THRESHOLDS
 from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.problem import Problem
 from hil.bench import Bench, RateSensorBench
@@ -38,8 +39,6 @@ from hil.tracing.request import TraceRequest
 from hil.tracing.split import Part, moving, parts_of, sample_of
 from hil.tracing.time_left import TimeLeft
 from hil.tracing.traced import Traced, called
-
-_CLIPPED = 1e-3  # share of samples that the board may have flagged as clipped
 
 
 class Tracer(Protocol):
@@ -229,7 +228,7 @@ def _trace_envelope(request: TraceRequest, bench: Bench, out: Path, progress: Wa
 
 def _require_unclipped(captured: Capture) -> None:
     share = float(np.mean((captured.flags & RowFlag.ADC_CLIPPED) != 0))
-    if share > _CLIPPED:
+    if share > THRESHOLDS.fitness.clipped_share:
         raise ModelError(
             f"the board flagged {share:.2%} of the samples as clipped; "
             "record with a smaller amplitude, a lower gain or a wider converter"

@@ -54,12 +54,12 @@ def test_noise_alone_is_rest_throughout_and_a_motion_to_the_end_is_none() -> Non
 
 @pytest.mark.moderate
 def test_of_a_hundred_records_of_noise_none_moves() -> None:
-    """By chance one in ten thousand does, whatever the length."""
+    """By chance one in a thousand does, whatever the length."""
     assert sum(moves_until(record(swinging(8000, 0, seed=seed)), SINGLE) for seed in range(100)) == 0
 
 
 def test_a_motion_below_the_noise_is_seen_only_where_a_stretch_shows_it() -> None:
-    """Of 40 samples the variance is known to 22 %; χ² asks for 2.7 × at one in a million."""
+    """Of 40 samples the variance is known to 22 %; χ² asks for 2.7 × at one in a hundred thousand."""
     rows = np.arange(4000)
     loud = np.sqrt(2.0 * 2.5) * NOISE * np.sin(2.0 * np.pi * HZ * rows / RATE)  # 3.5 × the variance
     faint = np.sqrt(2.0 * 0.2) * NOISE * np.sin(2.0 * np.pi * HZ * rows / RATE)  # 1.2 ×
@@ -69,8 +69,8 @@ def test_a_motion_below_the_noise_is_seen_only_where_a_stretch_shows_it() -> Non
 
 @pytest.mark.parametrize(("times", "until"), [(0.999, 0), (1.001, 40)])
 def test_a_stretch_moves_where_its_sum_of_squares_is_beyond_chance(times: float, until: int) -> None:
-    """χ² of as many degrees as samples less one, of which one of three stretches in ten thousand records is."""
-    sides = np.sqrt(times * chi2.isf(1e-4 / 3.0, 39) / 40.0) * NOISE * np.where(np.arange(40) % 2, 1.0, -1.0)
+    """χ² of as many degrees as samples less one, of which one of three stretches in a thousand records is."""
+    sides = np.sqrt(times * chi2.isf(1e-3 / 3.0, 39) / 40.0) * NOISE * np.where(np.arange(40) % 2, 1.0, -1.0)
     assert moves_until(record(0.3 + np.concatenate([np.zeros(40), sides, np.zeros(40)])), SINGLE) == until
 
 

@@ -10,10 +10,10 @@ from scipy.stats import norm
 
 from estimator.settings import ControllerSettings
 from estimator.trace import separations as room
-from estimator.trace.ambiguity import TIE, Member
+from estimator.trace.ambiguity import Member
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, at
-from estimator.trace.likelihood import Model
+from estimator.trace.likelihood import TIE, Model
 from estimator.trace.separations import Advice, Shown, separations
 from tests.trace.plain import problem, records
 
