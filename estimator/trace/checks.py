@@ -13,12 +13,15 @@ from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fit import PRIOR, FittedModel, beside
 from estimator.trace.likelihood import AT_FLOOR, RARE, Check, Evaluation, Likelihood
+from estimator.trace.noise import MEDIAN_OF_SQUARE
 from estimator.trace.reference import Departure
 from estimator.trace.search import FORBIDDEN
 from estimator.written import gains
 
-OF_THE_REST = ("noise floor", "disturbance")
+OF_THE_REST = ("noise floor", "disturbance", "outliers")
 """Checks of what a model leaves."""
+RMS_OVER_MEDIAN = 0.86
+"""Variance, times samples, of the logarithm of the rms of normal numbers over what their median tells of it."""
 SMALL = 1e-6
 """Of what is known beforehand, or of what a record says of its constants: what it says less of counts for nothing."""
 DISTURBANCE = THRESHOLDS.criterion.disturbance
@@ -159,6 +162,24 @@ def disturbed_by(quiet: Evaluation, disturbed: Evaluation) -> Check:
     return Check("disturbance", share < DISTURBANCE, told)
 
 
+def outliers(seen: Evidence) -> list[Check]:
+    """What a filter leaves of the part held out is as large by its rms as by its median, as of normal numbers: an error
+    of a few samples, of any form, is part of no noise.
+    """
+    if seen.of.axes == 1:  # a free run's error is no noise
+        return []
+    with np.errstate(invalid="ignore"):
+        squares = (seen.held_out.innovation / seen.held_out.deviation) ** 2
+    ratio = float(np.max(np.sqrt(np.nanmean(squares, axis=0) * MEDIAN_OF_SQUARE / np.nanmedian(squares, axis=0))))
+    by_chance = np.exp(FORBIDDEN * np.sqrt(RMS_OVER_MEDIAN / np.sum(np.isfinite(squares[:, 0]))))
+    return [
+        Check(
+            "outliers", bool(ratio < AT_FLOOR * by_chance),
+            f"the innovation of the part held out is {ratio:.4g} × what its median is of normal noise, rms",
+        )
+    ]  # fmt: skip
+
+
 def reference(seen: Evidence) -> list[Check]:
     """Effects leave rate and angle no farther from a reference in the record than they were, or than is expected."""
     return [
@@ -229,6 +250,7 @@ CHECKS: tuple[Callable[[Evidence], list[Check]], ...] = (
     constancy,
     floor,
     disturbance,
+    outliers,
     reference,
 )
 

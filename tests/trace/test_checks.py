@@ -15,6 +15,7 @@ from estimator.trace.checks import (
     disturbance,
     floor,
     held_out,
+    outliers,
     prior,
     reference,
     sign,
@@ -169,6 +170,30 @@ def test_no_disturbance_may_explain_a_part_of_the_innovation(share: float, passe
     assert f"explains {share:.2%} of the innovation's power" in check.sentence
 
 
+@pytest.mark.parametrize(("share", "passed"), [(0.0, True), (0.002, False)])
+def test_an_error_of_a_few_samples_is_no_noise(share: float, passed: bool) -> None:
+    """A five-hundredth of the samples is twenty times as large: 1.3 × by the rms, and one channel is enough."""
+    rng = np.random.default_rng(5)
+    left = rng.standard_normal((20_000, 2)) * [1e-4, 3e-4]
+    left[rng.random(20_000) < share, 1] *= 20.0
+    left[7] = np.nan
+    later = replace(evaluation(np.eye(1)), innovation=left, deviation=np.full((20_000, 2), [1e-4, 3e-4]))
+    seen = replace(evidence(SURE, later=later), of=replace(OF, axes=2))
+    check = only(outliers(seen))
+    assert (check.name, check.passed, check.effect) == ("outliers", passed, "")
+    assert outliers(evidence(SURE, later=later)) == []  # of a single axis
+
+
+def test_normal_noise_has_outliers_as_seldom_as_stated() -> None:
+    """Of so few samples that the floor's tenth alone would not let them through."""
+    rng, failed = np.random.default_rng(6), 0
+    for _ in range(300):
+        left = rng.standard_normal((60, 2))
+        later = replace(evaluation(np.eye(1)), innovation=left, deviation=np.ones((60, 2)))
+        failed += not only(outliers(replace(evidence(SURE, later=later), of=replace(OF, axes=2)))).passed
+    assert failed <= 1
+
+
 def test_deviations_are_the_posterior_s_and_wider_where_estimates_scatter() -> None:
     information = np.array([[50.0, 10.0, 0.0], [10.0, 40.0, 5.0], [0.0, 5.0, 30.0]])
     widths = np.array([0.2, 0.3, 0.1])
@@ -189,6 +214,6 @@ def test_deviations_are_the_posterior_s_and_wider_where_estimates_scatter() -> N
 
 
 def test_every_check_is_listed_and_says_what_it_is() -> None:
-    assert (held_out, sign, prior, constancy, floor, disturbance, reference) == CHECKS
+    assert (held_out, sign, prior, constancy, floor, disturbance, outliers, reference) == CHECKS
     names = [check.name for checker in CHECKS for check in checker(evidence(SURE))]
     assert list(dict.fromkeys(names)) == ["held out", "sign", "prior", "constancy", "noise floor", "disturbance"]
