@@ -13,7 +13,7 @@ from hil.verdict.uncertainty import DAMPING, ESTIMATION
 
 _TURNED = 2e-3
 """Of the resonance, rad/s: about the virtual rotation of the examples."""
-_SLOWER = 4.0
+_SLOWER = 10.0
 """Times that a declared change of the rate is lowered by."""
 
 

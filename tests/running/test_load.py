@@ -11,6 +11,7 @@ import pytest
 
 from hil.records.layout import Layout
 from hil.records.timing import timing_layout
+from hil.running import recorder
 from hil.running.load import LoadMeter
 from hil.running.recorder import record_apart
 
@@ -29,8 +30,11 @@ def layouts() -> dict[str, Layout]:
     return {"timing": timing_layout(tick_rate_Hz=1e4)}
 
 
-def test_what_the_recorder_did_before_and_after_is_none_of_its_share(tmp_path: Path) -> None:
+def test_what_the_recorder_did_before_and_after_is_none_of_its_share(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """To start it takes a second of a core, to end it may take more: neither falls into the time measured."""
+    monkeypatch.setattr(recorder, "subprocess", subprocess)  # no fork, which has loaded what it needs
     subprocess.run([sys.executable, "-c", BURN], check=True)  # another child that was waited for
     with record_apart(tmp_path, layouts()) as recording:
         began = recording.busy_s()
