@@ -75,15 +75,9 @@ NOT_OF: dict[Verb, dict[str, str]] = {
         "device.normalised": "a trace reports effects per unit mass",
     },
     "compare": {
-        **_SHEET,
-        **dict.fromkeys(
-            ("link.url", "loop.filter", "loop.block"), "the board is given as --link, and runs in force mode"
-        ),
-        **dict.fromkeys((*_STEPS, _PLUGIN, *_LOOPS, *_TRIMMED), _DRIVEN),
-        **dict.fromkeys(_GUARDS, _STOPPED),
-        **dict.fromkeys((*_MACHINE, *_JUDGED), _VERDICT),
-        "loop.covariance_every": "no covariance is kept",
-        "device.normalised": "parameters are compared per unit mass",
+        "link.url": "the board is given as --link, on which each algorithm runs with all of the other keys",
+        "limits.overtime": "it runs in lockstep",
+        **dict.fromkeys(_TRIMMED, "nothing is trimmed"),
     },
 }
 """Keys that a verb has no use for, by `section.key`, each with the reason."""
