@@ -30,7 +30,7 @@ def imported(hil: Hil, seconds: float = 3.0, volts: float = 0.089, clip: float =
 @pytest.mark.parametrize(
     ("record", "says"),
     [
-        ({"seconds": 0.2}, "too short"),
+        ({"seconds": 0.02}, "too short"),
         ({"volts": 1e-5}, "nothing moves"),
         ({"clip": 0.07}, "is clipped"),
         ({"frequency": 1500.0}, "sampled too slowly"),

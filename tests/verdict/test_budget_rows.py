@@ -251,7 +251,7 @@ def test_a_rate_that_the_damping_may_add_is_none_that_amplitude_lowers() -> None
 
 def test_each_row_has_a_remedy_of_its_own() -> None:
     declared = bench({})
-    assert "[observer.process_noise] rate_rad_s_per_rts = 0.25 " in remedy(row("estimation", "rad"), declared).text
+    assert "[observer.process_noise] rate_rad_s_per_rts = 0.1 " in remedy(row("estimation", "rad"), declared).text
     constant = bench({}, observer={"process_noise": {"rate_rad_s_per_rts": 0.0}})
     assert "[device] amplitude_m" in remedy(row("estimation", "rad"), constant).text
     further = remedy(row("undeclared effects", "rad"), declared).text
