@@ -124,6 +124,7 @@ static void interval(const device_t *device, effects_t effects, const double *no
 static void rewind_history(const device_t *device, effects_t effects)
 {
     const plant_t *plant = &device->constants->plant;
+    const double stiffness[2] = {plant->kxx, plant->kyy};
     double motion[STATES], seen[4], h = plant->ts_s / (double)plant->substeps;
     push_t rest = {.drift_rad_s = 0.0};
     int64_t rows = device->history_rows;
@@ -132,7 +133,7 @@ static void rewind_history(const device_t *device, effects_t effects)
         displacement(effects, motion, seen);
         bent(&device->constants->sense, seen);
         for (int axis = 0; axis < 2; axis++)
-            device->history[rows - 1 - back][axis] = shown_at_rest(&device->constants->sense, axis, seen);
+            device->history[rows - 1 - back][axis] = shown_before(&device->constants->sense, axis, seen, stiffness);
         step(plant, effects, device->pieces, -(double)back * h, -h, &rest, 4, motion);
     }
     device->state->sense.newest = rows - 1;
@@ -156,7 +157,7 @@ static bool sample(const device_t *device, effects_t effects, int64_t row, const
     double *truth = device->truth[row];
     bool clipped = false;
     for (int axis = 0; axis < 2; axis++) {
-        double moved = shown_at_rest(sense, axis, seen);
+        double moved = seen[2 * axis + shows_velocity(sense, axis)]; /* nothing is filtered */
         if (sense->tracked)
             moved = delayed(device->history, device->history_rows, state->sense.newest, axis, sense->delay_substeps[axis]);
         double phi = offset(sense, &state->sense, t, axis);
@@ -202,7 +203,8 @@ static bool advance(const device_t *device, int64_t first, int64_t n)
         wander_on(device, normals, begins);
         flip(effects, state->seed, state->tick + 1, constants->plant.ts_s, state->motion);
         if (begins) {
-            start(&constants->sense, effects, &state->sense, state->motion);
+            const double stiffness[2] = {constants->plant.kxx, constants->plant.kyy};
+            start(&constants->sense, effects, &state->sense, state->motion, stiffness);
             put_feet(effects, state->motion);
             rewind_history(device, effects);
         } else {

@@ -190,16 +190,21 @@ static inline bool shows_velocity(const sense_t *sense, int axis)
     return sense->current[axis] && sense->leak_per_s[axis] == 0.0;
 }
 
-/* What an axis shows of p, all but its gain, where nothing is filtered, or long before a filter matters. */
-static inline double shown_at_rest(const sense_t *sense, int axis, const double p[4])
+/* What an axis shows of p, all but its gain, before tick 0: the board has been on, its layer has long swung, at the
+   frequency of `stiffness` [1/s²].  A comb's charge has not leaked, and its low-pass is settled. */
+static inline double shown_before(const sense_t *sense, int axis, const double p[4], const double stiffness[2])
 {
     if (!sense->current[axis])
         return p[2 * axis];
-    return shows_velocity(sense, axis) ? p[2 * axis + 1] : p[2 * axis + 1] / sense->leak_per_s[axis];
+    if (shows_velocity(sense, axis))
+        return p[2 * axis + 1];
+    double leak = sense->leak_per_s[axis];
+    return (leak * p[2 * axis + 1] + stiffness[axis] * p[2 * axis]) / (leak * leak + stiffness[axis]);
 }
 
-/* Release the chain at tick 0: the low-pass settled, nothing leaked yet of a comb, all of a layer. */
-static inline void start(const sense_t *sense, effects_t effects, sense_state_t *state, const double *motion)
+/* Release the chain at tick 0. */
+static inline void start(const sense_t *sense, effects_t effects, sense_state_t *state, const double *motion,
+                         const double stiffness[2])
 {
     double p[4];
     displacement(effects, motion, p);
@@ -208,7 +213,7 @@ static inline void start(const sense_t *sense, effects_t effects, sense_state_t 
         bool moves = shows_velocity(sense, axis);
         state->seen[axis][0] = moves ? p[2 * axis + 1] : p[2 * axis];
         state->seen[axis][1] = moves ? 0.0 : p[2 * axis + 1];
-        state->smooth[axis] = shown_at_rest(sense, axis, p);
+        state->smooth[axis] = shown_before(sense, axis, p, stiffness);
         state->leaked[axis] = state->seen[axis][0] - state->smooth[axis];
     }
 }
