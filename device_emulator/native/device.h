@@ -124,7 +124,6 @@ static void interval(const device_t *device, effects_t effects, const double *no
 static void rewind_history(const device_t *device, effects_t effects)
 {
     const plant_t *plant = &device->constants->plant;
-    const double stiffness[2] = {plant->kxx, plant->kyy};
     double motion[STATES], seen[4], h = plant->ts_s / (double)plant->substeps;
     push_t rest = {.drift_rad_s = 0.0};
     int64_t rows = device->history_rows;
@@ -133,7 +132,7 @@ static void rewind_history(const device_t *device, effects_t effects)
         displacement(effects, motion, seen);
         bent(&device->constants->sense, seen);
         for (int axis = 0; axis < 2; axis++)
-            device->history[rows - 1 - back][axis] = shown_before(&device->constants->sense, axis, seen, stiffness);
+            device->history[rows - 1 - back][axis] = shown_before(&device->constants->sense, plant, axis, seen);
         step(plant, effects, device->pieces, -(double)back * h, -h, &rest, 4, motion);
     }
     device->state->sense.newest = rows - 1;
@@ -203,8 +202,7 @@ static bool advance(const device_t *device, int64_t first, int64_t n)
         wander_on(device, normals, begins);
         flip(effects, state->seed, state->tick + 1, constants->plant.ts_s, state->motion);
         if (begins) {
-            const double stiffness[2] = {constants->plant.kxx, constants->plant.kyy};
-            start(&constants->sense, effects, &state->sense, state->motion, stiffness);
+            start(&constants->sense, &constants->plant, effects, &state->sense, state->motion);
             put_feet(effects, state->motion);
             rewind_history(device, effects);
         } else {

@@ -191,20 +191,20 @@ static inline bool shows_velocity(const sense_t *sense, int axis)
 }
 
 /* What an axis shows of p, all but its gain, before tick 0: the board has been on, its layer has long swung, at the
-   frequency of `stiffness` [1/s²].  A comb's charge has not leaked, and its low-pass is settled. */
-static inline double shown_before(const sense_t *sense, int axis, const double p[4], const double stiffness[2])
+   frequency of its stiffness.  A comb's charge has not leaked, and its low-pass is settled. */
+static inline double shown_before(const sense_t *sense, const plant_t *plant, int axis, const double p[4])
 {
     if (!sense->current[axis])
         return p[2 * axis];
     if (shows_velocity(sense, axis))
         return p[2 * axis + 1];
-    double leak = sense->leak_per_s[axis];
-    return (leak * p[2 * axis + 1] + stiffness[axis] * p[2 * axis]) / (leak * leak + stiffness[axis]);
+    double leak = sense->leak_per_s[axis], stiffness = axis == 0 ? plant->kxx : plant->kyy;
+    return (leak * p[2 * axis + 1] + stiffness * p[2 * axis]) / (leak * leak + stiffness);
 }
 
 /* Release the chain at tick 0. */
-static inline void start(const sense_t *sense, effects_t effects, sense_state_t *state, const double *motion,
-                         const double stiffness[2])
+static inline void start(const sense_t *sense, const plant_t *plant, effects_t effects, sense_state_t *state,
+                         const double *motion)
 {
     double p[4];
     displacement(effects, motion, p);
@@ -213,7 +213,7 @@ static inline void start(const sense_t *sense, effects_t effects, sense_state_t 
         bool moves = shows_velocity(sense, axis);
         state->seen[axis][0] = moves ? p[2 * axis + 1] : p[2 * axis];
         state->seen[axis][1] = moves ? 0.0 : p[2 * axis + 1];
-        state->smooth[axis] = shown_before(sense, axis, p, stiffness);
+        state->smooth[axis] = shown_before(sense, plant, axis, p);
         state->leaked[axis] = state->seen[axis][0] - state->smooth[axis];
     }
 }
