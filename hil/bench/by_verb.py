@@ -26,11 +26,13 @@ _BOARD = (
     "loop.filter",
     "loop.block",
 )
-_STEPS = ("controller.stiffness_step", "controller.stiffness_step_Hz")
-_LAW = ("energy_gain", "quadrature_gain", "amplitude_modulation", "modulation_Hz")
-_PLUGIN = "controller.plugin"
-_LOOPS = tuple(f"controller.loops.{key}" for key in Loops.model_fields)
-_CONTROL = (*_STEPS, _PLUGIN, *_LOOPS, *(f"controller.{key}" for key in _LAW))
+_CONTROL = tuple(
+    f"controller.{key}"
+    for key in (
+        "stiffness_step", "stiffness_step_Hz", "plugin", *(f"loops.{key}" for key in Loops.model_fields),
+        "energy_gain", "quadrature_gain", "amplitude_modulation", "modulation_Hz",
+    )
+)  # fmt: skip
 _TRIMMED = tuple(
     f"trim.{key}" for key in ("control", "limit_V", "ramp_V_per_s", "time_constant_s", "period_s", "tolerance")
 )

@@ -3,6 +3,7 @@
 import time
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import numpy as np
 
 from hil.bench import Bench
 from hil.progress import Progress, Watcher
-from hil.records.direct import on_disk
+from hil.records.direct import OnDisk, on_disk
 from hil.records.occupied import occupied
 from hil.records.result import Load, Result, Told, save_result
 from hil.records.runfolder import RunFolder
@@ -37,11 +38,15 @@ class Made:
     link: str | None = None
     note: str | None = None
 
+    @cached_property
+    def _there(self) -> OnDisk:
+        return on_disk(RunFolder(self.folder).capture_path)
+
     @property
     def on_disk(self) -> str:
         """What is there of the record, beside what was to be there; of a replay there is no telling that."""
         meant = round(self.bench.loop.duration_s * self.bench.device.sample_rate_Hz)
-        return on_disk(RunFolder(self.folder).capture_path).told(None if self.link is None else meant)
+        return self._there.told(None if self.link is None else meant)
 
     @property
     def of_run(self) -> dict[str, Any]:
@@ -52,8 +57,7 @@ class Made:
 
     def save_without_figures(self, why: str) -> None:
         """A result of what is known by what is on disk; why: there are no figures."""
-        place = RunFolder(self.folder)
-        there = on_disk(place.capture_path)
+        there = self._there
         safety = judge_safety(self.outcome)
         told = [safety.reason] if safety.against else []
         result = Result(
@@ -67,7 +71,7 @@ class Made:
             complete=there.complete,
             **self.of_run,
         )
-        save_result(place.result_path, result)
+        save_result(RunFolder(self.folder).result_path, result)
 
 
 def conclude(made: Made, *, report: bool | Artist = True, progress: Watcher) -> None:

@@ -164,18 +164,18 @@ class _Followed:
 
     def to_the_end(self) -> None:
         """Read until it has ended and its recorder, which holds the pipe open as well, has closed the files."""
-        while self._listen(self._death):
+        while self._listen():
             pass
 
-    def _listen(self, death: int) -> bool:
-        watched = [self._output, *([death] if self._until_s is None else [])]
+    def _listen(self) -> bool:
+        watched = [self._output, *([self._death] if self._until_s is None else [])]
         left_s = None if self._until_s is None else max(self._until_s - time.monotonic(), 0.0)
         ready, _, _ = select.select(watched, (), (), left_s)
         if self._output in ready:
             data = os.read(self._output, 1 << 16)
             self._hear(data)
             if not data and self._until_s is None:  # its recorder was as quick to end
-                select.select([death], (), (), _RECORD_S)
+                select.select([self._death], (), (), _RECORD_S)
                 self._died()
             return bool(data)
         if not ready:  # the recorder does not end; what it has written is there

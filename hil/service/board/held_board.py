@@ -14,7 +14,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hil.boards.emulation import Served
 from hil.errors import InputError
@@ -30,9 +30,6 @@ from hil.service.board.opening import PATIENCE_S, Opening
 from hil.wire.errors import LinkError, WireError
 from hil.wire.link_name import Emulated, LinkName
 from hil.wire.messages import SafeReason, State
-
-if TYPE_CHECKING:
-    pass
 
 _LOG = logging.getLogger("hil.service")
 _ASK_EVERY_S = 0.2
