@@ -1,4 +1,4 @@
-"""Noise, damaged frames and senseless messages into the decoders: a little of what `python -m benchmarks fuzz` does."""
+"""Noise, damaged frames and senseless messages into the decoders."""
 
 import shutil
 import subprocess
@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from cobs import cobs
 
-from benchmarks import fuzz
 from hil.wire.framing import MAX_BODY, MIN_BODY, Decoder
+from tests.firmware import fuzzing as fuzz
 
 from .conftest import FIRMWARE, make
 

@@ -11,7 +11,6 @@ from typing import Any
 
 import pytest
 
-from benchmarks import attack
 from hil.testing.board_rules.conformance import Board, Conformance
 from hil.wire.framing import encode_frame
 from hil.wire.key_file import make_key
@@ -19,6 +18,7 @@ from hil.wire.keyed import LAST_COUNTER, KeyedHost, Outgoing, derived
 from hil.wire.messages import Arm, Hello, Identity, Status
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received, Receiver, Transmitter
+from tests.wire import attacking as attack
 from tools.keyed_example import BOARD_NONCE, HOST_NONCE, SECRET, example
 
 from .c_board import CBoard

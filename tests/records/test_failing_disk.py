@@ -1,15 +1,12 @@
-"""A disk that fails while a run writes to it: the run ends in one line, the board is SAFE, the rest is readable.
-
-A few calls stand for all of them; `python -m benchmarks io_faults` goes through every call and every way to fail.
-"""
+"""A disk that fails while a run writes to it: the run ends in one line, the board is SAFE, the rest is readable."""
 
 import shutil
 from collections.abc import Iterator
 
 import pytest
 
-from benchmarks.failing_disk import FAULTS
-from benchmarks.failing_disk.campaign import WAYS, Campaign
+from tests.records.failing_disk import FAULTS
+from tests.records.failing_disk.campaign import WAYS, Campaign
 
 pytestmark = [
     pytest.mark.long,  # a full disk while the loop runs: tests/running/test_record_ends.py

@@ -1,19 +1,18 @@
-"""The bench against boards that somebody wrote from docs/wire.md and docs/safety.md alone; all of them:
-`python -m benchmarks misbehaviour`."""
+"""The bench against a board that was written from docs/wire.md and docs/safety.md alone, as it misbehaves."""
 
 import shutil
 from pathlib import Path
 
 import pytest
 
-from benchmarks.misbehaviour.judging import broken, build, cases, run
+from tests.running.written_board.judging import broken, build, cases, run
 
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(shutil.which("cc") is None, reason="the board is compiled with the system's C compiler"),
 ]
 
-CHOSEN = (
+FIRST = (
     "safe_ignored",
     "id_sense_scale_nan",
     "session_other",
@@ -32,7 +31,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.beyond(2)
-@pytest.mark.parametrize("name", CHOSEN)
+@pytest.mark.parametrize("name", dict.fromkeys([*FIRST, *cases()]))
 def test_the_bench_does_what_the_pages_say(program: Path, tmp_path: Path, name: str) -> None:
     case = cases()[name]
     seen = run(program, name, case, tmp_path / "case")

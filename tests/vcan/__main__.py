@@ -1,6 +1,6 @@
 """`make test-vcan`: the tests of this folder on a virtual CAN interface, wherever one can be had.
 
-Where the kernel has none, user-mode Linux brings one (`benchmarks.virtual_can`), in about a minute.  Where there is
+Where the kernel has none, user-mode Linux brings one (`tests.vcan.virtual_can`), in about a minute.  Where there is
 neither, the tests are skipped with the reason, unless HIL_REQUIRE_VCAN=1 says that they may not be.  Further arguments
 go to pytest.
 """
@@ -14,7 +14,7 @@ import tempfile
 from pathlib import Path
 
 import hil
-from benchmarks.virtual_can import NotHere, with_vcan
+from tests.vcan.virtual_can import NotHere, with_vcan
 
 TREE = Path(__file__).parents[2]
 PATIENCE_S = 900.0  # one processor, imports ten times slower; three times what it took on a quiet machine

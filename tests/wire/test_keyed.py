@@ -11,7 +11,6 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import attack
 from hil import cli
 from hil.testing.board_rules.conformance import PATIENCE_S, Board
 from hil.wire import client, keyed, udp_link
@@ -38,6 +37,7 @@ from hil.wire.messages import (
 from hil.wire.sense import Sense
 from hil.wire.spec import SPEC
 from hil.wire.stream import Receiver, Transmitter
+from tests.wire import attacking as attack
 from tests.wire.served import emulated
 from tools.keyed_example import BOARD_NONCE, HOST_NONCE, SECRET, example
 
@@ -294,7 +294,7 @@ def test_the_counter_ends_and_does_not_wrap():
     assert (into.forged, into.replayed) == (0, 3)
 
 
-# ------------------------------------------------------- a little of what `python -m benchmarks attack` does at length
+# ------------------------------------------------------------------------------------------------------------ attacks
 
 
 @pytest.mark.moderate

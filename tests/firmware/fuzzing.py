@@ -1,23 +1,19 @@
-"""A hundred million bytes of noise, damaged frames and senseless messages into every decoder.
+"""Noise, damaged frames and senseless messages into every decoder.
 
 The Python decoders, of serial lines and of CAN, here; the C ones, with a whole board behind them, in `firmware/fuzz`
 under AddressSanitizer and UndefinedBehaviorSanitizer.  A frame that is taken though nobody sent it is corrupt.  Of
-runs with intact COBS the checksum misses one in 2³², if the damage is of any kind; `checked / 2³²` is what chance
-allows.  CAN's own checksum is the controller's business, so there nothing but survival is looked at.
+runs with intact COBS the checksum misses one in 2³², if the damage is of any kind.  CAN's own checksum is
+the controller's business, so there nothing but survival is looked at.
 """
 
 import json
-import os
 import subprocess
-import tempfile
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from benchmarks.row import Row, Say
 from hil.wire.can_format import RECORD_SIZE, CanFormat
 from hil.wire.codec import unpack
 from hil.wire.errors import ProtocolError
@@ -25,12 +21,9 @@ from hil.wire.frame_format import BOARD, HOST, Frame
 from hil.wire.framing import Decoder, encode_frame
 from hil.wire.spec import SPEC
 
-BYTES = 100_000_000
-SEED = 1
 POOL = 2000  # valid frames of one helping
 HELPING = 1_000_000  # bytes, about
 CHUNK = 4096
-FIRMWARE = Path(__file__).parents[1] / "firmware"
 
 
 @dataclass
@@ -42,12 +35,6 @@ class Tally:
     corrupt: int = 0
     checked: int = 0
     messages: int = 0
-    seconds: float = 0.0  # in the decoder, the making of the bytes apart
-
-    @property
-    def chance(self) -> float:
-        """Corrupt frames that the checksum is expected to miss."""
-        return self.checked / 2**32
 
 
 def frames(random: np.random.Generator) -> list[Frame]:
@@ -114,13 +101,11 @@ def feed_serial(amount: int, seed: int) -> Tally:
         known = set(pool)
         data = stream(random, pool) + b"\0"  # what is left over must not end as a frame of the next helping
         cut = list(chunks(random, data))
-        begin = time.perf_counter()
         for chunk in cut:
             for frame in decoder.feed(chunk):
                 tally.taken += 1
                 tally.corrupt += frame not in known
                 tally.messages += good(frame)
-        tally.seconds += time.perf_counter() - begin
         tally.bytes += len(data)
     tally.checked = decoder.frames + decoder.crc_errors
     if decoder.bytes < tally.bytes or decoder.frames != tally.taken:
@@ -147,50 +132,17 @@ def feed_can(amount: int, seed: int) -> Tally:
         records[:, 4] %= 65  # the kernel passes no frame of more
         data = records.tobytes()
         cut = list(chunks(random, data))
-        begin = time.perf_counter()
         for chunk in cut:
             for decoder in decoders:
                 for frame in decoder.feed(chunk):
                     tally.taken += 1
                     tally.messages += good(frame)
-        tally.seconds += time.perf_counter() - begin
         tally.bytes += len(data)
     return tally
 
 
-def build(place: Path) -> Path:
-    """Compile the C fuzzer into `place`."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
-    command = ["make", "--silent", "-C", str(FIRMWARE), f"BUILD={place}", "fuzz"]
-    subprocess.run(command, check=True, env=environment)
-    return place / "fuzz"
-
-
 def feed_c(program: Path, amount: int, seed: int) -> Tally:
     """Run the C fuzzer. Raises CalledProcessError when a sanitizer, or the fuzzer itself, has found something."""
-    begin = time.perf_counter()
     done = subprocess.run([program, str(amount), str(seed)], check=True, capture_output=True, text=True)
     told = json.loads(done.stdout)
-    return Tally(
-        told["bytes"], told["taken"], told["corrupt"], told["checked"], told["answers"], time.perf_counter() - begin
-    )
-
-
-def rows(say: Say) -> list[Row]:
-    """All three."""
-    say("serial, Python")
-    tallies = {"Python, serial": feed_serial(BYTES, SEED)}
-    say("CAN, Python")
-    tallies["Python, CAN"] = feed_can(BYTES, SEED)
-    say("C, serial and CAN, with a board behind")
-    with tempfile.TemporaryDirectory() as place:
-        tallies["C, sanitized"] = feed_c(build(Path(place)), BYTES, SEED)
-    told = []
-    for name, tally in tallies.items():
-        told.append(Row(f"{name}: bytes", tally.bytes, "1"))
-        told.append(Row(f"{name}: frames taken", tally.taken, "1"))
-        if tally.checked:
-            told.append(Row(f"{name}: corrupt frames taken", tally.corrupt, "1"))
-            told.append(Row(f"{name}: corrupt frames that chance allows", tally.chance, "1"))
-        told.append(Row(f"{name}: speed", tally.bytes / tally.seconds / 1e6, "MB/s"))
-    return told
+    return Tally(told["bytes"], told["taken"], told["corrupt"], told["checked"], told["answers"])

@@ -15,26 +15,12 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 HERE = Path(__file__).parent
-FIELD_TABLE = HERE.parents[1] / "docs" / "reference" / "field-table.tsv"
+FIELD_TABLE = HERE.parents[2] / "docs" / "reference" / "field-table.tsv"
 LIMIT_S = 240.0
-"""No run may last longer; four times as long on CAN."""
+"""No run may last longer."""
 
 _AT = "1000"  # tick at which a board begins to misbehave
 _EVENTS = ("dead", "rows end", "reboot", "state SAFE", "armed")
-
-# Behind a virtual CAN interface there may be a machine that is ten times slower (`benchmarks.virtual_can`).  There the
-# device and its ticks are sixteen times slower, every wait of bench and board lasts four times as long, and so do the
-# times allowed.
-_SLOW = 16.0
-_WAITS = 4.0
-_SLOWED = {  # keys of the bench file: power of time in their unit
-    "sample_rate_Hz": -1.0, "stiffness_N_per_m": -2.0, "damping_N_s_per_m": -1.0, "full_scale": -2.0,
-    "noise_mps2_per_rtHz": -1.5, "duration_s": 1.0, "settle_s": 1.0, "memory_s": 1.0, "acquisition_s": 1.0,
-    "rate_rad_s": -1.0, "force_mps2_per_rtHz": -1.5, "rate_rad_s_per_rts": -1.5, "target_stiffness_N_per_m": -2.0,
-    "virtual_rotation_rad_s": -1.0, "dither_mps2": -2.0, "modulation_Hz": -1.0, "watchdog_s": 1.0,
-}  # fmt: skip
-_WAITED = ("timeout_s", "standstill_s")
-_LONGEST_WATCHDOG_S = 1.9  # a board takes 2 s at most
 
 Case = dict[str, Any]
 
@@ -67,22 +53,19 @@ class Seen(NamedTuple):
     log: str
 
 
-def run(program: Path, name: str, case: Case, folder: Path, link: str = "pty") -> Seen:
-    """The bench against the board of a case, in `folder`, which is made; on a pty, or on the CAN interface that `link`
-    names."""
+def run(program: Path, name: str, case: Case, folder: Path) -> Seen:
+    """The bench against the board of a case on a pty, in `folder`, which is made."""
     folder.mkdir(parents=True)
     bench, log = folder / "bench.toml", folder / "board.log"
-    bench.write_text(_bench(case, link), encoding="utf-8")
+    bench.write_text(_bench(case), encoding="utf-8")
     begin = [str(program), "--misbehave", case.get("board", name), "--at", _AT, "--log", str(log)]
-    if link != "pty":
-        begin += ["--can", link.removeprefix("can:"), "--slow", str(_SLOW), "--waits", str(_WAITS)]
     with subprocess.Popen(begin, stdout=subprocess.PIPE, text=True) as board:
         assert board.stdout is not None
         try:
             url = board.stdout.readline().split()[1]
             command = [sys.executable, "-m", "hil", "run", str(bench), "--link", url, "--arm", "--out", str(folder)]
             command += ["--clock", case.get("clock", "lockstep")]
-            code, said = _ended(command, folder / "said.txt", LIMIT_S if link == "pty" else 4.0 * LIMIT_S)
+            code, said = _ended(command, folder / "said.txt", LIMIT_S)
         finally:
             board.terminate()
     results = list(folder.glob("*/result.json"))
@@ -90,8 +73,8 @@ def run(program: Path, name: str, case: Case, folder: Path, link: str = "pty") -
     return Seen(code, said, result.get("parts", {}).get("safety", {}), log.read_text(encoding="utf-8"))
 
 
-def broken(case: Case, seen: Seen, link: str = "pty") -> list[str]:
-    """One line for each expectation of the case that was not met; times are judged as the link allows."""
+def broken(case: Case, seen: Seen) -> list[str]:
+    """One line for each expectation of the case that was not met."""
     told = []
     outcome = seen.safety.get("outcome")
     unsafe = outcome == "unsafe" or re.search(r"(?i)\bunsafe\b|cut the supply", seen.said) is not None
@@ -108,10 +91,10 @@ def broken(case: Case, seen: Seen, link: str = "pty") -> list[str]:
         told.append("a control sequence reached the terminal")
     if "Traceback" in seen.said or "fault of hil" in seen.said:
         told.append("traceback")
-    return told + _by_the_board(case, seen.log, 1.0 if link == "pty" else _WAITS)
+    return told + _by_the_board(case, seen.log)
 
 
-def _by_the_board(case: Case, log: str, waits: float) -> list[str]:
+def _by_the_board(case: Case, log: str) -> list[str]:
     """What the board itself says of ARM, SAFE and drives."""
     told = []
     events = [(float(line.split()[0]), line.split(" ", 1)[1]) for line in log.splitlines() if " " in line]
@@ -127,12 +110,12 @@ def _by_the_board(case: Case, log: str, waits: float) -> list[str]:
         told.append(f"driven for {counted['driven']} ticks")
     if case.get("within_s") and safe:
         marks = [at for at, event in events if event.startswith(_EVENTS) and at <= safe[0]]
-        if marks and safe[0] - marks[-1] > waits * case["within_s"]:
+        if marks and safe[0] - marks[-1] > case["within_s"]:
             told.append(f"SAFE came after {safe[0] - marks[-1]:.1f} s")
     return told
 
 
-def _bench(case: Case, link: str) -> str:
+def _bench(case: Case) -> str:
     text = (HERE / "bench.toml").read_text(encoding="utf-8")
     keys: dict[str, str] = {}
     if case.get("clock") == "paced":
@@ -141,21 +124,7 @@ def _bench(case: Case, link: str) -> str:
         keys |= {"mode": '"gain"', "block": "40", "watchdog_s": "0.1"}
     for key, value in keys.items():
         text = re.sub(rf"(?m)^{key} = .*", f"{key} = {value}", text)
-    if link == "pty":
-        return text
-    for key, factor in {
-        **{key: _SLOW**power for key, power in _SLOWED.items()},
-        **dict.fromkeys(_WAITED, _WAITS),
-    }.items():
-        text = re.sub(rf"(?m)^{key} = (.*)", lambda found, key=key, factor=factor: _times(key, found[1], factor), text)
     return text
-
-
-def _times(key: str, value: str, factor: float) -> str:
-    """A line of the bench file, its number or numbers multiplied."""
-    given = json.loads(value)
-    told = [number * factor for number in given] if isinstance(given, list) else given * factor
-    return f"{key} = {min(told, _LONGEST_WATCHDOG_S) if key == 'watchdog_s' else told}"
 
 
 def _ended(command: list[str], said: Path, limit_s: float) -> tuple[int | None, str]:

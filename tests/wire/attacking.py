@@ -1,46 +1,28 @@
-"""Ten million attack datagrams against the keyed link, and what the key costs.
+"""Attack datagrams against the keyed link: the C board (`firmware/fuzz/attack.c`), Python board and host.
 
-The C board (`firmware/fuzz/attack.c`) gets ten million; the Python board and the Python host a million each, the Python
-board a hundred thousand more over UDP on 127.0.0.1, a third of them from the very address of its host.  Between attacks
-the holder of the key talks, so that there is always something fresh to record: all of that must be taken, and nothing
-else.  The attacker has every datagram, of this session and of those before, in both directions, also such as the
-receiver has not seen; what it lacks is the key.
-
-What a key costs is measured on two links in this process, by turns in one run: a row there and a drive back, as in
-force mode, and blocks of 100 and 682 rows one way, as in gain mode.
+Between attacks the holder of the key talks, so that there is always something fresh to record: all of that must be
+taken, and nothing else.  The attacker has every datagram, of this session and of those before, in both directions, also
+such as the receiver has not seen; what it lacks is the key.  Over UDP a third come from the very address of the host.
 """
 
 import json
-import os
 import random
 import socket
 import subprocess
 import tempfile
-import time
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
-
-from benchmarks.fuzz import FIRMWARE
-from benchmarks.row import Row, Say
 from hil.wire.framing import encode_frame
 from hil.wire.key_file import make_key, read_key
 from hil.wire.keyed import CALL, CHALLENGE, FRAME, NONCE_SIZE, OPEN, TAG_SIZE, KeyedBoard, KeyedHost
-from hil.wire.link import BoardLink, Link
 from hil.wire.link_name import LOOPBACK
-from hil.wire.links import open_board_link, open_link
+from hil.wire.links import open_board_link
 from hil.wire.messages import Arm, DriveForce, Hello, Message, Safe, Status, TimeSync
-from hil.wire.sense import Sense
 from hil.wire.stream import Transmitter
 from hil.wire.udp_link import UdpBoard
 
-C_ATTACKS = 10_000_000
-PYTHON_ATTACKS = 1_000_000
-SOCKET_ATTACKS = 100_000
-SEED = 1
 SESSION = 4000  # attacks, about
 KINDS = (
     "replayed",
@@ -55,8 +37,6 @@ KINDS = (
     "reflected",
     "respliced",
 )
-TURNS = 40
-EXCHANGES = 50  # in each turn
 GROUP, PORT = "239.255.42.66", 42660
 
 
@@ -68,7 +48,6 @@ class Tally:
     accepted: int = 0
     unheard: int = 0
     sessions: int = 0
-    seconds: float = 0.0
 
 
 class Attacker:
@@ -184,9 +163,7 @@ def attack_python(amount: int, seed: int, target: str) -> Tally:
                 continue
             for _ in range(min(20, amount - done)):
                 kind, datagram = attacker.attack()
-                begin = time.perf_counter()
                 tally.accepted += take(datagram)
-                tally.seconds += time.perf_counter() - begin
                 tally.attacks[kind] += 1
                 done += 1
             tally.unheard += not take(attacker.next)
@@ -233,9 +210,7 @@ def attack_sockets(amount: int, seed: int) -> Tally:
                     refused = board.strangers
                     for k in range(20):
                         kind, datagram = attacker.attack()
-                        begin = time.perf_counter()
                         tally.accepted += say(datagram, other if k % 3 else same) != b""
-                        tally.seconds += time.perf_counter() - begin
                         tally.attacks[kind] += 1
                     tally.accepted += board.strangers != refused + 20  # each was counted: none got lost on the way
                     tally.unheard += say(attacker.next) != frame
@@ -247,115 +222,8 @@ def attack_sockets(amount: int, seed: int) -> Tally:
 
 def attack_c(program: Path, amount: int, seed: int) -> Tally:
     """Run the C attacker. Its exit code is 1 when something was taken; then that is in the tally."""
-    begin = time.perf_counter()
     done = subprocess.run([program, str(amount), str(seed)], capture_output=True, text=True, check=False)
-    seconds = time.perf_counter() - begin
     if done.returncode not in (0, 1):
         raise RuntimeError(f"{program} ended with {done.returncode}: {done.stderr[-300:]}")
     told = json.loads(done.stdout)
-    return Tally(Counter(told["attacks"]), told["accepted"], told["unheard"], told["sessions"], seconds)
-
-
-def build(place: Path) -> Path:
-    """Compile the C attacker into `place`."""
-    environment = {name: value for name, value in os.environ.items() if not name.startswith(("MAKE", "MFLAGS"))}
-    command = ["make", "--silent", "-C", str(FIRMWARE), f"BUILD={place}", "attack"]
-    subprocess.run(command, check=True, env=environment)
-    return place / "attack"
-
-
-# --------------------------------------------------------------------------------------------------- what a key costs
-
-
-class Pair:
-    """Both ends of a link in this process."""
-
-    def __init__(self, port: int, key: Path | None) -> None:
-        url = f"udp:{GROUP}:{port}" + (f"?key={key}" if key else "")
-        self.board: BoardLink = open_board_link(url)
-        self.host: Link = open_link(url)
-        self._tx = Transmitter()
-        self.host.send(self._tx.encode(Hello(1, 2), 0))
-        for _ in range(3):
-            self.board.receive(0.1)
-            self.host.receive(0.1)
-
-    def close(self) -> None:
-        """Both."""
-        self.host.close()
-        self.board.close()
-
-    def exchange(self) -> None:
-        """A row there, a drive back."""
-        self.board.send(self._tx.encode_row(5, 1, 2, 3, 4, 0, 2))
-        if not self.host.receive(1.0):
-            raise RuntimeError("a row was lost")
-        self.host.send(self._tx.encode(DriveForce(1, 2, 3), 4))
-        if not self.board.receive(1.0):
-            raise RuntimeError("a drive was lost")
-
-    def block(self, codes: "np.ndarray[tuple[int, int], np.dtype[np.int32]]") -> None:
-        """A block from the board to the host."""
-        self.board.send(self._tx.encode(Sense(codes, 2, 0, 1), 5))
-        if not self.host.receive(1.0):
-            raise RuntimeError("a block was lost")
-
-
-def cost(work: Callable[[Pair], None], plain: Pair, keyed: Pair) -> tuple[float, float]:
-    """Median time of one piece of work in µs, without and with the key: by turns, so that the machine's moods meet
-    both."""
-    times: dict[bool, list[float]] = {False: [], True: []}
-    for turn in range(2 * TURNS):
-        pair = keyed if turn % 2 else plain
-        for _ in range(EXCHANGES):
-            begin = time.perf_counter()
-            work(pair)
-            times[bool(turn % 2)].append(1e6 * (time.perf_counter() - begin))
-    return float(np.median(times[False])), float(np.median(times[True]))
-
-
-def cost_rows() -> list[Row]:
-    """Round trips of force mode, blocks of gain mode."""
-    told = []
-    with tempfile.TemporaryDirectory() as folder:
-        key = Path(folder, "cost.key")
-        make_key(key)
-        plain, keyed = Pair(PORT + 2, None), Pair(PORT + 4, key)
-        try:
-            works: dict[str, tuple[Callable[[Pair], None], float]] = {"row there, drive back": (Pair.exchange, 250.0)}
-            for rows in (100, 682):
-                codes = np.random.default_rng(SEED).integers(-30000, 30000, (rows, 4), np.int32)
-                works[f"block of {rows} rows"] = (lambda pair, codes=codes: pair.block(codes), 10.0 * rows)
-            for name, (work, time_us) in works.items():
-                without, with_key = cost(work, plain, keyed)
-                told.append(Row(f"{name}, keyed", with_key, "µs", "without a key", with_key / without))
-                told.append(Row(f"{name}, without a key", without, "µs"))
-                share = 100.0 * (with_key - without) / time_us
-                told.append(Row(f"{name}: the key's share of the time there is", share, "%"))
-        finally:
-            plain.close()
-            keyed.close()
-    return told
-
-
-def rows(say: Say) -> list[Row]:
-    """Attacks on all receivers, then the cost."""
-    tallies = {}
-    say("C board")
-    with tempfile.TemporaryDirectory() as place:
-        tallies["C board"] = attack_c(build(Path(place)), C_ATTACKS, SEED)
-    for target in ("board", "host"):
-        say(f"Python {target}")
-        tallies[f"Python {target}"] = attack_python(PYTHON_ATTACKS, SEED, target)
-    say("Python board over UDP")
-    tallies["Python board, sockets"] = attack_sockets(SOCKET_ATTACKS, SEED)
-    told = []
-    for name, tally in tallies.items():
-        attacks = sum(tally.attacks.values())
-        told.append(Row(f"{name}: attacks", attacks, "1"))
-        told.append(Row(f"{name}: attacks accepted", tally.accepted, "1"))
-        told.append(Row(f"{name}: frames of the key's holder refused", tally.unheard, "1"))
-        told.append(Row(f"{name}: sessions", tally.sessions, "1"))
-        told.append(Row(f"{name}: time an attack", 1e6 * tally.seconds / attacks, "µs"))
-    say("what a key costs")
-    return told + cost_rows()
+    return Tally(Counter(told["attacks"]), told["accepted"], told["unheard"], told["sessions"])

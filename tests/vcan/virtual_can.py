@@ -17,7 +17,7 @@ from pathlib import Path
 
 from hil.wire.can_link import interfaces
 
-TREE = Path(__file__).parents[1]
+TREE = Path(__file__).parents[2]
 NAME = "vcan0"
 MODULES = ("can", "can-raw", "can-dev", "vcan")  # in this order; modprobe finds them, insmod loads them
 PACKAGES = "user-mode-linux kmod iproute2 busybox can-utils"

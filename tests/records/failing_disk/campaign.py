@@ -11,7 +11,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.failing_disk.disk import FAULTS, HARMLESS, REMOVES, Disk, Fault
 from hil.bench import examples, load_bench, override
 from hil.bench.template import template, values_of
 from hil.boards.emulation import emulator
@@ -23,6 +22,7 @@ from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.links import open_link
 from hil.wire.messages import SafeReason, State
+from tests.records.failing_disk.disk import FAULTS, HARMLESS, REMOVES, Disk, Fault
 
 WAYS = ("lockstep in process", "paced over a pty")
 """The worker writes the files itself; and a recorder behind rings does."""

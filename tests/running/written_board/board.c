@@ -3,11 +3,8 @@
  *
  *     cc -std=c11 -O2 -Wall -Wextra -Werror board.c -o board -lm
  *     board [--misbehave NAME] [--at TICK] [--log FILE] [--seed N]        serves a pty
- *     board --can vcan0 [--node N] ...                                    serves SocketCAN (CAN FD)
- *           [--slow N] [--waits N]     device and ticks so many times slower, its own waits so many times longer
  *
- * On stdout: "ready serial:/dev/pts/N" or "ready can:NAME?node=N". The log says what the board really saw and did:
- * SAFE received, armed, driven ticks, so that a host is judged by the board and not by itself. */
+ * On stdout: "ready serial:/dev/pts/N". The log says what the board really saw and did: SAFE received, armed, driven ticks, so that a host is judged by the board and not by itself. */
 #define _GNU_SOURCE
 #include <errno.h>
 #include <fcntl.h>
@@ -19,14 +16,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/ioctl.h>
-#include <sys/socket.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
-#include <net/if.h>
-#include <linux/can.h>
-#include <linux/can/raw.h>
 #include "field_table.h"
 
 #define LINES ((unsigned)(sizeof FIELD_TABLE / sizeof *FIELD_TABLE))
@@ -40,7 +32,7 @@
 #define CONVERTER 32767
 
 enum { T_SAFE = 1, T_ARM = 2, T_FORCE = 0x10, T_GAINS = 0x11, T_BOARD = 0x12, T_SENSE = 0x20, T_TIME = 0x30, T_STATUS = 0x31,
-       T_NACK = 0x32, T_BRIEF = 0x33, T_HELLO = 0x40, T_IDENTITY = 0x41, T_RREAD = 0x42, T_RWRITE = 0x43,
+       T_NACK = 0x32, T_HELLO = 0x40, T_IDENTITY = 0x41, T_RREAD = 0x42, T_RWRITE = 0x43,
        T_RVALUE = 0x44, T_FREAD = 0x45, T_FVALUE = 0x46 };
 enum { BOOT, IDLE, ARMED, RUNNING, SAFE };
 enum { NONE, HOST_REQUEST, INTERRUPTED, RESIDUAL, WATCHDOG, LINK_LOST, FAULT };
@@ -147,14 +139,12 @@ static long cobs_decode(const uint8_t *in, size_t n, uint8_t *out)
 
 /* ------------------------------------------------------------------ the oscillator */
 
-static double slow_ = 1, waits_ = 1;           /* --slow, --waits */
-#define RATE (4000.0 / slow_)
-#define DRIVE_SCALE (10.0 / 32768 / (slow_ * slow_))
+#define RATE 4000.0
+#define DRIVE_SCALE (10.0 / 32768)
 
 static void wait_s(double seconds)
 {
-    double s = seconds * waits_;
-    struct timespec t = { (time_t)s, (long)((s - (double)(time_t)s) * 1e9) };
+    struct timespec t = { (time_t)seconds, (long)((seconds - (double)(time_t)seconds) * 1e9) };
     nanosleep(&t, NULL);
 }
 
@@ -163,9 +153,7 @@ static int flip_drive_x = 1, flip_drive_y = 1;
 
 static void derivative(const double *s, double ux, double uy, double *d)
 {
-    const double f = 1 / slow_, f2 = f * f;
-    const double kxx = 1610719.4 * f2, kyy = 1547554.0 * f2, kxy = 15791.4 * f2;
-    const double dxx = 1.3823 * f, dyy = 1.13097 * f, dxy = 0.0628 * f, omega = 1.2 * f;
+    const double kxx = 1610719.4, kyy = 1547554.0, kxy = 15791.4, dxx = 1.3823, dyy = 1.13097, dxy = 0.0628, omega = 1.2;
     d[0] = s[2];
     d[1] = s[3];
     d[2] = ux + 2 * omega * s[3] - dxx * s[2] - dxy * s[3] - kxx * s[0] - kxy * s[1];
@@ -241,7 +229,7 @@ static uint32_t tick32(void) { return tick < 0 ? 0 : (uint32_t)tick; }
 
 /* ---- sending */
 
-static int fd = -1, slave = -1, use_can, node;
+static int fd = -1, slave = -1;
 static char pty_name[128];
 static uint8_t outq[1 << 18];
 static size_t out_n;
@@ -283,73 +271,6 @@ static void serial_frame(int type, uint16_t seq, uint32_t tk, const uint8_t *pay
     raw_bytes(out, o);
 }
 
-static void can_send(uint32_t type, const uint8_t *data, size_t n, int classic)
-{
-    static const uint8_t legal[] = { 0, 1, 2, 3, 4, 5, 6, 7, 8, 12, 16, 20, 24, 32, 48, 64 };
-    struct canfd_frame f;
-    memset(&f, 0, sizeof f);
-    f.can_id = type << 4 | (uint32_t)node << 1 | 1;
-    memcpy(f.data, data, n);
-    size_t len = 0;
-    for (size_t i = 0; i < sizeof legal; i++)
-        if (legal[i] >= n) {
-            len = legal[i];
-            break;
-        }
-    f.len = (uint8_t)len;
-    f.flags = classic ? 0 : CANFD_BRS;
-    for (int tries = 0; tries < 200; tries++) {   /* ENOBUFS: the queue is full for a moment */
-        if (write(fd, &f, classic ? CAN_MTU : CANFD_MTU) > 0 || (errno != ENOBUFS && errno != EAGAIN))
-            return;
-        struct timespec t = { 0, 500000 };
-        nanosleep(&t, NULL);
-    }
-}
-
-static void can_message(int type, uint16_t *seq, uint32_t tk, const uint8_t *payload, size_t n)
-{
-    uint8_t b[64], *p;
-    if (type == T_SENSE && n >= 5) {              /* whole rows, every frame for itself */
-        unsigned count = (unsigned)get(payload, 2), width = payload[2], per = 4 * width;
-        unsigned fit = 56 / per;
-        for (unsigned done = 0; done < count && per; ) {
-            unsigned k = count - done < fit ? count - done : fit;
-            p = b;
-            put(&p, (*seq)++, 2);
-            put(&p, tk + done, 4);
-            *p++ = (uint8_t)(k | (width == 3 ? 8u : 0u) | (unsigned)payload[3] << 4);
-            *p++ = payload[4];
-            memcpy(p, payload + 5 + done * per, k * per);
-            can_send(T_SENSE, b, 8 + k * per, 0);
-            done += k;
-        }
-        return;
-    }
-    for (size_t at = 0, part = 0;; part++) {
-        size_t k = n - at < 56 ? n - at : 56;
-        p = b;
-        put(&p, *seq, 2);
-        put(&p, tk, 4);
-        *p++ = (uint8_t)k;
-        *p++ = (uint8_t)part;
-        memcpy(p, payload + at, k);
-        can_send((uint32_t)type, b, 8 + k, 0);
-        at += k;
-        if (k < 56)
-            break;
-    }
-    (*seq)++;
-    if (type == T_STATUS && n == 34) {
-        p = b;
-        *p++ = payload[0];
-        *p++ = payload[1];
-        *p++ = (uint8_t)(lost_seq > 255 ? 255 : lost_seq);
-        *p++ = (uint8_t)(trips > 255 ? 255 : trips);
-        put(&p, get(payload + 30, 4), 4);
-        can_send(T_BRIEF, b, 8, 1);
-    }
-}
-
 static void emit(int type, uint32_t tk, const uint8_t *payload, size_t n)
 {
     int damage = 0;
@@ -365,15 +286,12 @@ static void emit(int type, uint32_t tk, const uint8_t *payload, size_t n)
         tx_seq = 7;
     if (mis("seq_backwards") && tick >= mis_at)
         tx_seq -= 2;
-    if (type == T_SENSE && !use_can && !lockstep() && out_n > 16384) {
+    if (type == T_SENSE && !lockstep() && out_n > 16384) {
         dropped++;                                /* its number is missing */
         tx_seq++;
         return;
     }
-    if (use_can)
-        can_message(type, &tx_seq, tk, payload, n);
-    else
-        serial_frame(type, tx_seq++, tk, payload, n, damage);
+    serial_frame(type, tx_seq++, tk, payload, n, damage);
 }
 
 static void send_status_as(int state, int why)
@@ -691,7 +609,7 @@ static void in_time(void)
     if (after_safe && (mis("safe_confirmed_but_drives") || mis("safe_ignored") || mis("safe_streams_zero"))) {
         /* rows go on by themselves, in lockstep too */
         if (!since_safe) since_safe = now_ns();
-        if ((double)(now_ns() - since_safe) > 5e9 * waits_) return;
+        if ((double)(now_ns() - since_safe) > 5e9) return;
         static int busy;
         if (busy++ % 2) return;
         int keep = st;
@@ -1149,59 +1067,7 @@ static void serial_byte(uint8_t c)
     on_message(raw[0], (uint16_t)get(raw + 1, 2), raw + 7, (size_t)k - 11);
 }
 
-static void can_frame(const struct canfd_frame *f, int classic)
-{
-    static uint8_t buf[MAX_PAYLOAD];
-    static size_t n;
-    static int type_under_way = -1, next_part;
-    static uint16_t seq_under_way;
-    uint32_t id = f->can_id;
-    if (id & (CAN_EFF_FLAG | CAN_RTR_FLAG | CAN_ERR_FLAG))
-        return;
-    if ((id & 1) || (int)(id >> 1 & 7) != node)
-        return;                                   /* other people's */
-    int type = (int)(id >> 4);
-    if (type == T_SAFE) {
-        /* 1 byte (cut short after the reason) up to 7 (whole); all else counts as HOST_REQUEST */
-        uint8_t r = HOST_REQUEST;
-        if (classic && (f->len == 7 || f->len == 1))
-            r = f->data[0];
-        on_message(T_SAFE, 0, &r, 1);
-        return;
-    }
-    if (type == T_ARM) {
-        if (!classic || f->len != 6) { bad_frames++; return; }
-        on_message(T_ARM, (uint16_t)get(f->data, 2), f->data, 0);
-        return;
-    }
-    if (classic || f->len < 8 || f->data[6] > 56 || 8u + f->data[6] > f->len) { bad_frames++; return; }
-    uint16_t seq = (uint16_t)get(f->data, 2);
-    size_t size = f->data[6];
-    int part = f->data[7];
-    if (part == 0) {
-        if (type_under_way >= 0)
-            bad_frames++;                         /* the one before lacks its end */
-        n = 0;
-        next_part = 0;
-    }
-    if (part != next_part || (part && (type != type_under_way || seq != seq_under_way)) || n + size > sizeof buf) {
-        bad_frames++;
-        type_under_way = -1;
-        next_part = -1;
-        return;
-    }
-    memcpy(buf + n, f->data + 8, size);
-    n += size;
-    type_under_way = type;
-    seq_under_way = seq;
-    next_part++;
-    if (size < 56) {
-        type_under_way = -1;
-        on_message(type, seq, buf, n);
-    }
-}
-
-/* ------------------------------------------------------------------ the ports */
+/* ------------------------------------------------------------------ the port */
 
 static void set_raw(int f)
 {
@@ -1224,31 +1090,6 @@ static int open_pty(void)
     return 0;
 }
 
-static int open_can(const char *name)
-{
-    struct sockaddr_can a;
-    struct ifreq r;
-    int on = 1;
-    fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
-    if (fd < 0)
-        return -1;
-    memset(&r, 0, sizeof r);
-    snprintf(r.ifr_name, sizeof r.ifr_name, "%.15s", name);
-    if (ioctl(fd, SIOCGIFINDEX, &r))
-        return -1;
-    memset(&a, 0, sizeof a);
-    a.can_family = AF_CAN;
-    a.can_ifindex = r.ifr_ifindex;
-    struct can_filter filter = { (canid_t)node << 1, 0xfu | CAN_EFF_FLAG | CAN_RTR_FLAG };   /* this node, from a host */
-    if (setsockopt(fd, SOL_CAN_RAW, CAN_RAW_FD_FRAMES, &on, sizeof on)
-        || setsockopt(fd, SOL_CAN_RAW, CAN_RAW_FILTER, &filter, sizeof filter)
-        || bind(fd, (struct sockaddr *)&a, sizeof a))
-        return -1;
-    printf("ready can:%s?node=%d\n", name, node);
-    fflush(stdout);
-    return 0;
-}
-
 static void hung_up(void)
 {
     note("host hung up in state %d", st);
@@ -1263,14 +1104,6 @@ static void receive(void)
 {
     if (fd < 0)
         return;
-    if (use_can) {
-        struct canfd_frame f;
-        ssize_t n;
-        while (fd >= 0 && (n = read(fd, &f, sizeof f)) > 0)
-            if (n == CAN_MTU || n == CANFD_MTU)
-                can_frame(&f, n == CAN_MTU);
-        return;
-    }
     uint8_t b[4096];
     ssize_t n = read(fd, b, sizeof b);
     if (n > 0) {
@@ -1288,17 +1121,12 @@ static void on_signal(int s) { (void)s; ended = 1; }
 
 int main(int argc, char **argv)
 {
-    const char *can = NULL;
     start_ns = now_ns();
     for (int i = 1; i < argc; i++) {
         const char *v = i + 1 < argc ? argv[i + 1] : NULL;
         if (!v) { fprintf(stderr, "strange_board: %s needs a value\n", argv[i]); return 2; }
         if (!strcmp(argv[i], "--misbehave")) mis_name = v;
         else if (!strcmp(argv[i], "--at")) mis_at = atoll(v);
-        else if (!strcmp(argv[i], "--can")) can = v;
-        else if (!strcmp(argv[i], "--slow")) slow_ = atof(v);
-        else if (!strcmp(argv[i], "--waits")) waits_ = atof(v);
-        else if (!strcmp(argv[i], "--node")) node = atoi(v) & 7;
         else if (!strcmp(argv[i], "--seed")) rng ^= strtoull(v, NULL, 0) * 0x2545F4914F6CDD1Du;
         else if (!strcmp(argv[i], "--log")) log_to = fopen(v, "w");
         else { fprintf(stderr, "strange_board: no option %s\n", argv[i]); return 2; }
@@ -1323,8 +1151,7 @@ int main(int argc, char **argv)
     signal(SIGTERM, on_signal);
     signal(SIGINT, on_signal);
     signal(SIGPIPE, SIG_IGN);
-    use_can = can != NULL;
-    if (can ? open_can(can) : open_pty()) {
+    if (open_pty()) {
         fprintf(stderr, "strange_board: %s\n", strerror(errno));
         return 2;
     }
