@@ -12,7 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.mutants.changes import Mutant, mutants
+from tools.mutants.changes import Mutant, mutants
 
 _PROJECT = ("hil", "estimator", "device_emulator", "tests", "tools", "examples")
 _LIBRARIES = (
@@ -104,7 +104,7 @@ class Trials:
             for name in list(sys.modules):
                 if name.partition(".")[0] in _PROJECT:
                     del sys.modules[name]
-            from benchmarks.mutants import hook
+            from tools.mutants import hook
 
             hook.install()
             import pytest

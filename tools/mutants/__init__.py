@@ -1,0 +1,1 @@
+"""Small changes to a module: does a test fail for each of them?"""
