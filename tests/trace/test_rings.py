@@ -2,13 +2,11 @@
 
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
-from benchmarks.laboratory.pools import two_modes
-from benchmarks.laboratory.rows import figures, pooled
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.effects.catalogue import EFFECTS
 from estimator.effects.search import Search
@@ -144,17 +142,42 @@ def test_a_displacement_shows_it_in_the_same_form() -> None:
     inside(trace(Problem(seen, shows, ALONE), split=round(0.6 * SAMPLES)))
 
 
+SOFTENING, DRAG = -3.0e8, 4.0  # 1/(m²·s²), 1/m: 2 % of the spring and a sixth of the damping at 1 mm
+W2, D2 = 2.0 * np.pi * 63.0, 9.0
+RING_RATE, RING_NOISE = 500.0, 2.5e-4  # Hz, m/s
+
+
+def both_modes(start: float, second: tuple[float, float]) -> Array:
+    """What a vibrometer sees, m/s: the first mode softens and drags, the second rings beside it, released at rest."""
+
+    def slope(_: float, s: Array) -> list[float]:
+        x, v, p, w = s
+        return [v, -K * x - D * v - SOFTENING * x**3 - DRAG * abs(v) * v, w, -(W2**2) * p - D2 * w]
+
+    t = np.arange(600) / RING_RATE
+    solved = solve_ivp(slope, (0.0, t[-1]), (start, 0.0, *second), "DOP853", t, rtol=1e-10, atol=1e-14, max_step=2e-3)
+    return np.asarray(solved.y[1] + solved.y[3])
+
+
 @pytest.mark.long
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("draw", [10, 11])  # the spring is taken first in the other
-def test_twelve_decays_seen_by_a_vibrometer_tell_the_laws_of_both_modes(tmp_path: Path, draw: int) -> None:
-    kind = two_modes(np.random.default_rng((11, draw)))
-    said, noise = pooled(kind, tmp_path)
-    assert said.verdict == "explained"
+def test_twelve_decays_seen_by_a_vibrometer_tell_the_laws_of_both_modes(draw: int) -> None:
+    rng, members = np.random.default_rng((11, draw)), []
+    for number, start in enumerate(1e-3 * np.linspace(0.5, 2.0, 12)):
+        seen = both_modes(float(start), (float(start) * rng.uniform(0.05, 0.15), rng.normal(0.0, 0.02)))
+        seen += rng.normal(0.0, RING_NOISE, len(seen))
+        record = Record(seen[:, None], np.zeros((len(seen), 1, 1)), np.full(len(seen), 1.0 / RING_RATE))
+        members.append(Member(f"ring {number}", record))
+    gain = math.sqrt(1.005 * K)  # 1 V of 1 m/s, at the declared resonance
+    beam = replace(device(), sample_rate=RING_RATE, stiffness=(gain**2,), sense_gain=(gain,), noise=(RING_NOISE,))
+    spread = replace(SETTINGS.spread, position=2.0, velocity=2.0, offset=RING_NOISE, stiffness=0.05)
+    with np.errstate(all="ignore"):  # as the command has it: of candidates that no record excites
+        said = trace_pool(Pool(tuple(members), beam, replace(SETTINGS, spread=spread)), (2, 5, 8, 10))
+    assert said.verdict is Verdict.EXPLAINED
     assert {effect.name for effect in said.effects} == {"cubic_stiffness", "drag", NAME}
-    assert said.sense_unit == "mm/s"
-    *off, held_out = figures(kind.name, said, kind.truth, noise)
-    assert len(off) == 4
-    assert all(one.value < 1.5 for one in off)
-    assert held_out.ratio is not None
-    assert held_out.ratio < 1.05
+    found = {symbol: one for effect in said.effects for symbol, one in effect.coefficients.items()}
+    truth = {"k3x": SOFTENING, "dqx": DRAG, "wm": math.sqrt(W2**2 - 0.25 * D2**2), "dm": D2}
+    for symbol, true in truth.items():
+        assert abs(found[symbol].value - true) < 0.75 * (found[symbol].high - found[symbol].low), symbol
+    assert said.held_out_after.ratio < 1.05

@@ -1,21 +1,24 @@
-"""A record that says how fast it was turned has a vote on what explains it: a drive gain of one axis, calm."""
+"""A record that says how fast it was turned has a vote on what explains it: a drive gain of one axis, single-tone."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from benchmarks import calm
+from device_emulator.scenario import Scenario
 from estimator.diagnosis import Diagnosis, Verdict
 from estimator.record import Record
 from estimator.trace.problem import Problem
 from estimator.trace.trace import trace
+from evaluation.undeclared.device import bench_table, draw_device, scenario_table
+from evaluation.undeclared.effects import Hidden
 from evaluation.undeclared.population import Order
-from evaluation.undeclared.record import keep, recorded
-from hil.bench import load_bench
+from evaluation.undeclared.record import Drawn, keep, recorded
+from hil.bench import Bench, load_bench
 from hil.inputs.captured import control_of, drives_of, record_of
 from hil.inputs.declared import device_of, observer_settings_of
 from hil.records.capture import read_capture
+from hil.toml.reading import parse_table
 
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
@@ -26,14 +29,22 @@ NOISE_RAD_S = 2e-3
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory: pytest.TempPathFactory) -> tuple[Problem, float]:
     """The record without a reference, and the rate at which the emulated device was turned."""
-    order = Order("fixed", ("drive_gain",), 0, calm.DRAW)
-    drawn = calm.draw_single_tone_record(order)
-    place = tmp_path_factory.mktemp("calm") / order.name
+    order = Order("fixed", ("drive_gain",), 0, 1)
+    rng = np.random.default_rng(order.seed)
+    device = draw_device(rng, crest=1.0, slow=True)
+    rate = {"kind": "constant", "rate_rad_s": device.rate_rad_s * float(rng.uniform(-1.0, 1.0))}
+    hidden = Hidden([{"name": "drive_gain", "hx": 0.056}], 0.0)
+    table = scenario_table(device, rate, order.seed) | {"effect": hidden.effects}
+    bench_keys = bench_table(device, SAMPLES / device.sample_rate_Hz, excited=False, turning=False)
+    drawn = Drawn(
+        device, [hidden], table, Scenario.model_validate(table), parse_table(bench_keys, Bench, order.name), False
+    )
+    place = tmp_path_factory.mktemp("single-tone") / order.name
     keep(drawn, recorded(drawn, order, SAMPLES), order, place)
     bench, capture = load_bench(place / "bench.toml"), read_capture(place / "capture.arrow")
-    device = device_of(bench, capture.noise_gain)
-    record = record_of(capture, drives_of(capture, device))
-    problem = Problem(record, device, observer_settings_of(bench), control_of(bench, capture))
+    declared = device_of(bench, capture.noise_gain)
+    record = record_of(capture, drives_of(capture, declared))
+    problem = Problem(record, declared, observer_settings_of(bench), control_of(bench, capture))
     return problem, drawn.table["rate"]["rate_rad_s"]
 
 
