@@ -6,34 +6,26 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from benchmarks.repeats.agreement import Repeated, share
-
-
-def test_beside_a_truth_an_interval_agrees_that_holds_it():
-    one = Repeated("record", "c", [1.0, 2.0, 3.1], [1.0, 0.5, 1.0], truth=2.0, missed=2)
-    assert one.off == pytest.approx([-1.0, 0.0, 1.1])
-    assert one.agree == 2
-    assert one.spread == pytest.approx(1.959963984540054 * math.sqrt((1.0 + 1.21) / 3.0))
+from evaluation.measured.repeats import Repeated, share
 
 
 def test_beside_the_others_both_intervals_count():
     """Three of one size: the mean of two others has a half width of 1/√2."""
-    one = Repeated("record", "c", [0.0, 1.0, 2.0], [1.0, 1.0, 1.0])
+    one = Repeated("c", [0.0, 1.0, 2.0], [1.0, 1.0, 1.0])
     assert one.off == pytest.approx([-1.5 / math.sqrt(1.5), 0.0, 1.5 / math.sqrt(1.5)])
     assert one.agree == 1
-    uneven = Repeated("record", "c", [0.0, 1.0, 4.0], [1.0, 1.0, 2.0])
+    uneven = Repeated("c", [0.0, 1.0, 4.0], [1.0, 1.0, 2.0])
     mean = (1.0 + 0.25 * 4.0) / 1.25
     assert uneven.off[0] == pytest.approx(-mean / math.sqrt(1.0 + 1.0 / 1.25))
 
 
 @pytest.mark.moderate
-@pytest.mark.parametrize("truth", [5.0, None])
-def test_of_right_intervals_nineteen_of_twenty_agree(truth):
+def test_of_right_intervals_nineteen_of_twenty_agree():
     rng = np.random.default_rng(4)
     deviations = rng.uniform(0.5, 2.0, (400, 7))
     values = 5.0 + deviations * rng.standard_normal((400, 7))
     halves = norm.isf(0.025) * deviations
-    every = [Repeated("record", "c", v, h, truth) for v, h in zip(values, halves, strict=True)]
+    every = [Repeated("c", v, h) for v, h in zip(values, halves, strict=True)]
     agree, number, low, high = share(every)
     assert number == 2800
     assert 0.93 < agree / number < 0.97
@@ -42,6 +34,6 @@ def test_of_right_intervals_nineteen_of_twenty_agree(truth):
 
 
 def test_none_and_all_have_bounds_that_are_shares():
-    nothing, everything = (Repeated("record", "c", [off] * 3, [1.0] * 3, truth=0.0) for off in (9.0, 0.0))
-    assert share([nothing])[:3] == (0, 3, 0.0)
-    assert share([everything])[::3] == (3, 1.0)
+    nothing, everything = (Repeated("c", values, [1.0] * 2) for values in ([-9.0, 9.0], [0.0, 0.0]))
+    assert share([nothing])[:3] == (0, 2, 0.0)
+    assert share([everything])[::3] == (2, 1.0)
