@@ -5,7 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.calibration import Statement, most_probable
+from evaluation.undeclared.calibration import Statement, most_probable
 from evaluation.undeclared.expected import Expected, expected
 
 NOTHING = "(nothing)"

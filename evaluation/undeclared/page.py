@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from benchmarks.calibration import write_reliability_diagram
+from evaluation.undeclared.calibration import write_reliability_diagram
 from evaluation.undeclared.effects import EFFECTS
 from evaluation.undeclared.judging import NOTHING, Judgement
 from evaluation.undeclared.summary import ratios, stated

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from benchmarks.calibration import Calibration, calibration
+from evaluation.undeclared.calibration import Calibration, calibration
 from evaluation.undeclared.judging import Judgement
 
 CONFIDENT = 1.02

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.calibration import calibration, most_probable, write_reliability_diagram
+from evaluation.undeclared.calibration import calibration, most_probable, write_reliability_diagram
 from evaluation.undeclared.judging import judge
 from evaluation.undeclared.summary import summarise
 from tests.undeclared.test_judging import BACKLASH, CUBIC, GAIN, said, truth

@@ -1,25 +1,20 @@
 """The form of a missing force on emulated devices with something that nobody declared.
 
-`python -m benchmarks missing_force`: records of evaluation/undeclared of a draw that no other figure uses: each kind
+`python -m evaluation.missing_force`: records of evaluation/undeclared of a draw that no other figure uses: each kind
 outside the catalogue, and each effect of the catalogue.  Judged here, by the scenario: does the form hold the true
-terms, and what share of the force does it leave on the part held out.  Records and answers are kept in
-runs/missing_force.
+terms, and what share of the force does it leave on the part held out.
 """
 
+import argparse
 import json
-import os
 import time
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.row import Row, Say
 from estimator.errors import ModelError
 from estimator.missing_force.estimate import missing_force
-from estimator.side_by_side import one_worker_each
 from estimator.trace.likelihood import AT_FLOOR
 from estimator.trace.problem import Problem
 from evaluation.undeclared.effects import DRAWABLE, OUTSIDE
@@ -32,10 +27,8 @@ from hil.records.atomic import write_text
 from hil.records.capture import read_capture
 from hil.records.force import to_model
 
-FOLDER = Path("runs/missing_force")
 DRAW = 77
 FITTED = 0.6
-JOBS = 1
 THIRD = 1.0 / 3.0
 
 _LATE = ({"sensed sense delay"}, {"drive delay"})
@@ -68,46 +61,27 @@ def ways(name: str) -> tuple[set[str], ...]:
     return OF_THE_LIBRARY.get(name, ({plain}, {f"sensed {plain}"}))
 
 
-def orders() -> list[Order]:
-    """The records, kinds outside the catalogue first."""
+def main() -> None:
+    """Record, estimate, judge, and print what came of it."""
+    parser = argparse.ArgumentParser(prog="python -m evaluation.missing_force", description=__doc__)
+    parser.add_argument("--folder", type=Path, default=Path("runs/missing_force"), help="default %(default)s")
+    parser.add_argument("--only", default="", help="effects whose name contains this")
+    options = parser.parse_args()
     kinds = [("outside", name) for name in OUTSIDE] + [("single", name) for name in DRAWABLE]
-    return [Order(category, (name,), 0, DRAW) for category, name in kinds]
-
-
-def rows(say: Say) -> list[Row]:
-    """Record, estimate, judge."""
-    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-    one_worker_each()
-    begin = time.monotonic()
     answers = []
-    with ProcessPoolExecutor(JOBS, mp_context=get_context("spawn")) as pool:
-        running = {pool.submit(asked, order): order for order in orders()}
-        for done, future in enumerate(as_completed(running), 1):
-            answers.append(answer := future.result())
-            say(f"{done}/{len(running)} {running[future].name}: {told(answer)}, {time.monotonic() - begin:.0f} s")
-    answers.sort(key=lambda one: str(one["name"]))
-    write_text(FOLDER / "answers.json", json.dumps(answers, indent=1, ensure_ascii=False) + "\n")
-    return [
-        *_rows("all", answers),
-        *_rows("outside the catalogue", [one for one in answers if one["category"] == "outside"]),
-        *_rows("an effect of the catalogue, no candidate", [one for one in answers if one["category"] == "single"]),
-    ]
-
-
-def _rows(what: str, answers: list[dict[str, Any]]) -> list[Row]:
-    shown = [one for one in answers if one["shown"]]
-    n = max(len(shown), 1)
-    return [
-        Row(f"{what}: records", len(answers), ""),
-        Row(f"{what}: in which something stands above the noise", len(shown), ""),
-        Row(f"{what}: of these, the form holds the true terms", 100.0 * sum(one["true"] for one in shown) / n, "%"),
-        Row(f"{what}: and has no other term", 100.0 * sum(one["alone"] for one in shown) / n, "%"),
-        Row(
-            f"{what}: at most a third of the force is left, held out",
-            100.0 * sum(one["left"] is not None and one["left"] <= THIRD for one in shown) / n,
-            "%",
-        ),
-    ]
+    for category, name in kinds:
+        if options.only in name:
+            answers.append(answer := asked(Order(category, (name,), 0, DRAW), options.folder))
+            print(f"{answer['name']}: {told(answer)}, {answer['seconds']:.0f} s", flush=True)
+    write_text(options.folder / "answers.json", json.dumps(answers, indent=1, ensure_ascii=False) + "\n")
+    for category, what in (("outside", "outside the catalogue"), ("single", "of the catalogue, no candidate")):
+        shown = [one for one in answers if one["category"] == category and one["shown"]]
+        true, alone = (sum(one[word] for one in shown) for word in ("true", "alone"))
+        less = sum(one["left"] is not None and one["left"] <= THIRD for one in shown)
+        print(
+            f"{what}: of {len(shown)} above the noise {true} hold the true terms, {alone} no other; in {less} at most "
+            "a third of the force is left on the part held out"
+        )
 
 
 def told(answer: dict[str, Any]) -> str:
@@ -119,9 +93,9 @@ def told(answer: dict[str, Any]) -> str:
     return f"{form} ({right}); innovation {answer['before']:.3g} to {answer['after']:.3g}, {answer['left']:.1%} left"
 
 
-def asked(order: Order) -> dict[str, Any]:
+def asked(order: Order, folder: Path) -> dict[str, Any]:
     """One record's answer, with the judgement."""
-    place = make(order, FOLDER)
+    place = make(order, folder)
     begin = time.monotonic()
     name = order.effects[0]
     answer: dict[str, Any] = {"name": order.name, "category": order.category, "draw": order.draw, "refused": ""}
@@ -130,7 +104,15 @@ def asked(order: Order) -> dict[str, Any]:
         with np.errstate(all="ignore"):
             found = missing_force(problem, split)
     except ModelError as error:
-        return answer | {"refused": str(error), "shown": True, "true": False, "alone": False, "left": None, "form": []}
+        return answer | {
+            "refused": str(error),
+            "shown": True,
+            "true": False,
+            "alone": False,
+            "left": None,
+            "form": [],
+            "seconds": 0.0,
+        }
     form = [f"{'sensed ' if term.sense else ''}{term.form}" for term in found.form.terms]
     true = [way for way in ways(name) if way <= set(form)]
     return answer | {
@@ -153,3 +135,7 @@ def problem_at(place: Path) -> tuple[Problem, int]:
     record = record_of(capture, drives_of(capture, device))
     problem = Problem(record, device, observer_settings_of(bench), control_of(bench, capture))
     return problem, int(FITTED * len(record))
+
+
+if __name__ == "__main__":
+    main()
