@@ -40,7 +40,7 @@ def browser() -> Iterator[Browser]:
     """The system's chromium, without a window."""
     path = _chromium()
     options = ["--no-sandbox"] if os.geteuid() == 0 else []  # it refuses to be root with one
-    expect.set_options(timeout=60_000)  # of a machine that does other things; how soon: python -m benchmarks page
+    expect.set_options(timeout=60_000)  # of a machine that does other things; how soon: python -m benchmarks service
     with sync_playwright() as playwright:
         chromium = playwright.chromium.launch(executable_path=path, args=options)
         yield chromium
