@@ -1,43 +1,32 @@
-"""Campaigns: killed ten times and gone on with, by one worker, two and four, and on a Dask cluster.
+"""Campaigns: killed ten times and gone on with, and by one worker, two and four.
 
 The campaign is that of S-slow over noise and stiffness, 2 s at 4 kHz each.  Killed: `kill -9` of `hil sweep` at a
 random moment, ten times, then to the end; its Parquet files are compared byte by byte with those of an undisturbed
 campaign of one worker.  Throughput: rows from the first to the last, so that imports and the loading of kernels, which
-are once for each worker, are not in it; beside it the whole time.  Numbers of workers are measured by turns.  Cluster:
-a scheduler and two workers on loopback; the processor time of the scheduler for a task as large that takes no time.
+are once for each worker, are not in it; beside it the whole time.  Numbers of workers are measured by turns.
 """
 
 import json
-import os
 import random
 import shutil
 import signal
-import socket
 import statistics
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import hil
 from benchmarks.row import Row, Say
-from hil.sweeping.campaign import Campaign
-from hil.sweeping.plan import plan_of, toml_of
-from hil.toml.reading import parse_table
+from hil.sweeping.plan import toml_of
 
 KILLS = 10
 TURNS = 3
 WORKERS = (1, 2, 4)
 RUNS_EACH = 12
 """Runs for each worker of a turn, so that a turn of any number of them takes as long."""
-TASKS = 2000
-TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 
 
 def table(seeds: int, **changes: Any) -> dict[str, Any]:
@@ -118,68 +107,21 @@ def pace(folder: Path, campaign: dict[str, Any], **how: Any) -> tuple[float, flo
     return (len(ends) - first) / (ends[-1] - ends[first - 1]), len(ends) / (ends[-1] - began)
 
 
-@contextmanager
-def cluster(place: Path) -> Iterator[tuple[str, int]]:
-    """Address and process number of a scheduler with two workers of one thread."""
-    with socket.socket() as listening:
-        listening.bind(("127.0.0.1", 0))
-        port = str(listening.getsockname()[1])
-    address = f"tcp://127.0.0.1:{port}"
-    commands = [["scheduler", "--host", "127.0.0.1", "--port", port, "--no-dashboard"]] + [
-        [
-            "worker",
-            address,
-            "--nthreads",
-            "1",
-            "--no-nanny",
-            "--no-dashboard",
-            "--local-directory",
-            str(place / f"w{k}"),
-        ]
-        for k in range(2)
-    ]
-    with (place / "dask.log").open("wb") as log:
-        processes = [subprocess.Popen([sys.executable, "-m", "dask", *one], stdout=log, stderr=log) for one in commands]
-    try:
-        yield address, processes[0].pid
-    finally:
-        for process in processes:
-            process.terminate()
-            process.wait()
-
-
-def processor_s(pid: int) -> float:
-    """Time on a processor of a process so far."""
-    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
-    return (int(fields[11]) + int(fields[12])) * TICK_S
-
-
 def rows(say: Say) -> list[Row]:
-    """All of it."""
+    """Kills, then throughput."""
     with tempfile.TemporaryDirectory() as temporary:
         place = Path(temporary)
-        figures = []
         kills, wrong, differ = killed(place, say)
-        figures += [
+        return [
             Row("kill -9 of the campaign, times", kills, "1"),
             Row("runs lost or doubled by that", wrong, "1"),
             Row("Parquet files that differ from those of an undisturbed campaign", differ, "1"),
+            *throughput(place, say),
         ]
-        folder = place / "alone"
-        size = sum(map(len, results(folder).values())) / 64
-        figures.append(Row("size of the results, Parquet, 8 rows a file", size, "B/run"))
-        figures += throughput(place, say)
-        figures += on_a_cluster(place, say)
-        big = hil.sweep(table(64, rows_per_file=256, name="big"), out=place / "big", workers=4)
-        figures.append(
-            Row("size of the results, Parquet, 256 rows a file", len(results(big.path).popitem()[1]) / 256, "B/run")
-        )
-        figures.append(Row("size of wall.jsonl", (big.path / "wall.jsonl").stat().st_size / 256, "B/run"))
-    return figures
 
 
 def throughput(place: Path, say: Say) -> list[Row]:
-    """Runs per second against workers, by turns, and the exponent."""
+    """Runs per second against workers, by turns."""
     steady: dict[int, list[float]] = {workers: [] for workers in WORKERS}
     whole: dict[int, list[float]] = {workers: [] for workers in WORKERS}
     for turn in range(TURNS):
@@ -199,47 +141,4 @@ def throughput(place: Path, say: Say) -> list[Row]:
         )
         found.append(Row(f"throughput, {workers} workers, least ratio of {TURNS} turns", min(ratios), "1"))
         found.append(Row(f"throughput, {workers} workers, with the start", statistics.median(whole[workers]), "runs/s"))
-    many, rates = np.log([[workers, statistics.median(steady[workers])] for workers in WORKERS]).T
-    return [*found, Row("throughput ~ workers to the power of", float(np.polyfit(many, rates, 1)[0]), "1")]
-
-
-def scheduler_of_a_task(address: str, scheduler: int, size: int) -> float:
-    """Processor time of the scheduler for a task of that size that takes no time itself, answered alike, seconds."""
-    from distributed import Client, as_completed
-
-    with Client(address) as client:
-
-        def hand_out(count: int) -> None:
-            window = [client.submit(str.upper, "x" * size, pure=False) for _ in range(8)]
-            waiting = as_completed(window, with_results=True)
-            for done, _ in enumerate(waiting, 1):
-                if done + 8 <= count:
-                    waiting.add(client.submit(str.upper, "x" * size, pure=False))
-
-        hand_out(100)
-        before = processor_s(scheduler)
-        hand_out(TASKS)
-        return (processor_s(scheduler) - before) / TASKS
-
-
-def on_a_cluster(place: Path, say: Say) -> list[Row]:
-    """The same bytes on a cluster; what a run costs its scheduler, and what is sent."""
-    campaign = table(16)
-    plan = plan_of(parse_table(campaign, Campaign, "cost"), "cost")
-    sent = len(plan.task(0).as_json())
-    with cluster(place) as (address, scheduler):
-        hil.sweep(table(4, name="warm"), out=place / "warm", scheduler=address)
-        before = processor_s(scheduler)
-        began = time.monotonic()
-        swept = hil.sweep(campaign, out=place / "cluster", scheduler=address)
-        say(f"cluster: {time.monotonic() - began:.1f} s, of the scheduler {processor_s(scheduler) - before:.2f} s")
-        spent = scheduler_of_a_task(address, scheduler, sent)
-    ours, theirs = results(swept.path), results(place / "alone")
-    differ = sum(ours.get(name) != theirs[name] for name in theirs)
-    answered = statistics.mean(len(json.dumps(row)) for row in swept.table.to_pylist())
-    return [
-        Row("on a cluster of 2 workers: Parquet files that differ", differ, "1"),
-        Row("on a cluster: time of the scheduler on a processor", spent, "s/run"),
-        Row("on a cluster: task as sent", sent, "B/run"),
-        Row("on a cluster: row as sent back", answered, "B/run"),
-    ]
+    return found

@@ -8,7 +8,6 @@ expectation over the records), and the ratio of root mean squares with a bootstr
 """
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -169,14 +168,15 @@ def bootstrap(errors: Floats, bounds: Floats, draws: int = 2000) -> tuple[float,
     return math.sqrt(float((errors**2).mean() / bounds.mean())), float(low), float(high)
 
 
-def study(name: str, seeds: int, progress: Callable[[int], None]) -> dict[str, float]:
+def study(name: str, seeds: int, say: Say) -> dict[str, float]:
     """All figures of one scenario."""
     scenario, bench = declared_bench(name)
     start = true_start(scenario)
     ends = []
     for seed in range(seeds):
         ends.append(end_of(scenario, bench, start, seed))
-        progress(seed + 1)
+        if seed % 100 == 99:
+            say(f"{name}: {seed + 1} records")
     figures = {}
     names = Observer(device_of(bench), observer_settings_of(bench)).model.names
     inside = np.abs([end.error / end.deviation for end in ends]) < 1.959964
@@ -198,6 +198,6 @@ def rows(say: Say) -> list[Row]:
     """All figures of both scenarios."""
     figures = []
     for name in SCENARIOS:
-        found = study(name, SEEDS, lambda n, name=name: say(f"{name}: {n} records") if n % 100 == 0 else None)
+        found = study(name, SEEDS, say)
         figures += [Row(f"{name}, {what}", value, "1") for what, value in found.items()]
     return figures

@@ -10,8 +10,7 @@ CORE = 0.5
 """Share of one core that gain mode may take: the rest of it is for what a shared machine does now and then."""
 
 PATH = 1.2
-"""What a sample costs the host from the wire to the record, in what it costs the observer: measured 1.08 at 100 kS/s
-(`python -m benchmarks stream_parts`)."""
+"""What a sample costs the host from the wire to the record, in what it costs the observer: 1.08 at 100 kS/s."""
 
 _ROW_BYTES = 8.0  # four codes of 16 bits
 _FRAMING = 1.08  # headers, checksums and stuffing of blocks of 250 rows

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.stationary import outcome
+from benchmarks.variants import outcome
 from hil.verdict.budget import budget
 from tests.running import gyro
 from tests.running.closed import angle_errors, close_loop, waiting
