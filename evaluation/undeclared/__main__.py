@@ -1,24 +1,24 @@
 """`python -m evaluation.undeclared [generate|evaluate|all]`: see the package.
 
-It is a campaign: killed at any moment it goes on where it was when the same command is given again.  Records and
-answers are kept in the folder, rows as Parquet in FOLDER/campaigns, one folder for each set of records and program.
+Killed at any moment it goes on where it was when the same command is given again: records and answers are kept in the
+folder.
 """
 
 import argparse
 import json
 import sys
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
-from evaluation.undeclared.campaign import Records, carried_out, judgements
+from evaluation.undeclared.judging import Judgement, judge
 from evaluation.undeclared.page import write_page
 from evaluation.undeclared.population import DRAW, population
 from evaluation.undeclared.record import SAMPLES
 from evaluation.undeclared.summary import summarise
+from evaluation.undeclared.tracing import all_done, done
 from hil.errors import told_to_user
-from hil.progress import Progress
 from hil.records.atomic import write_text
-from hil.sweeping.sweep import Stopped
 
 FOLDER = Path("runs/undeclared")
 TARGET = Path("runs/undeclared.json")
@@ -39,27 +39,34 @@ def main(arguments: Sequence[str] | None = None) -> int:
             file=sys.stderr,
         )
         return 2
-    records = Records(orders, options.folder, options.samples, making, tracing, options.keep)
+    one = partial(
+        done, folder=options.folder, samples=options.samples, making=making, tracing=tracing, keep=options.keep
+    )
     try:
-        jobs = None if options.scheduler else options.jobs
-        rows = carried_out(records, jobs, say, scheduler=options.scheduler)
+        all_done(orders, options.jobs, one)
         if tracing:
-            judged = judgements(records, rows)
+            judged = [judgement_of(options.folder / order.name) for order in orders]
             summary = summarise(judged)
             write_text(options.out, json.dumps(summary, indent=1) + "\n")
             write_page(options.page, summary, judged)
             for category in ("single", "clean", "outside", "double", "calm", "never"):
                 print(category, json.dumps(summary[category]))
-    except Stopped as stopped:
-        print(f"evaluation.undeclared: interrupted: {stopped}", file=sys.stderr)
+    except KeyboardInterrupt:
+        print("evaluation.undeclared: interrupted; the same command goes on", file=sys.stderr)
         return 130
     except (ValueError, OSError, MemoryError) as error:
         if (told := told_to_user(error)) is None:
             raise
         print(f"evaluation.undeclared: {told}", file=sys.stderr)
         return 2
-    print(f"{len(rows)} rows in {records.results}/results", file=sys.stderr)
     return 0
+
+
+def judgement_of(place: Path) -> Judgement:
+    """Of the record in that folder, and of its answer, if it has one."""
+    said = place / "diagnosis.json"
+    truth = json.loads((place / "truth.json").read_text())
+    return judge(truth, json.loads(said.read_text()) if said.exists() else None)
 
 
 def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
@@ -69,22 +76,12 @@ def _parsed(arguments: Sequence[str] | None) -> argparse.Namespace:
     parser.add_argument("--draw", type=int, default=DRAW, help=f"another number, other records (default {DRAW})")
     parser.add_argument("--only", default="", help="only records whose name contains this")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
-    parser.add_argument(
-        "--scheduler", help="of a Dask cluster that does it instead, tcp://HOST:8786; all its workers see --folder"
-    )
     parser.add_argument("--samples", type=int, default=SAMPLES, help=f"of each record (default {SAMPLES})")
     parser.add_argument("--folder", type=Path, default=FOLDER, help=f"of the records (default {FOLDER})")
     parser.add_argument("--keep", action="store_true", help="keep answers of an estimator that has changed since")
     parser.add_argument("--out", type=Path, default=TARGET, help=f"figures (default {TARGET})")
     parser.add_argument("--page", type=Path, default=PAGE, help=f"folder of the page (default {PAGE})")
     return parser.parse_args(arguments)
-
-
-def say(report: Progress) -> None:
-    """Progress, on standard error."""
-    left = "" if report.left_s is None else f", {report.left_s / 60.0:.0f} min left"
-    note = f" ({report.note})" if report.note else ""
-    print(f"{report.done}/{report.total} records{note}{left}", file=sys.stderr, flush=True)
 
 
 if __name__ == "__main__":

@@ -8,14 +8,17 @@ import hashlib
 import json
 import os
 import shutil
+import sys
 import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 
-from benchmarks.row import Say
 from estimator.side_by_side import one_worker_each
+from evaluation.undeclared.population import Order
+from evaluation.undeclared.record import made_of, make
 from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.tracing.request import request_of
@@ -24,17 +27,32 @@ from hil.tracing.trace import trace
 _ROOT = Path(__file__).parents[2]
 
 
-def trace_all(places: list[Path], jobs: int, keep: bool, say: Say) -> None:
-    """Trace the records in these folders that this estimator has not traced yet; `keep`: those that none has."""
+def done(order: Order, folder: Path, samples: int, *, making: bool, tracing: bool, keep: bool) -> str:
+    """Make a record where it is not there, if `making`; trace it, if `tracing`, where this estimator has not, or none
+    has if `keep`.  In a word what came of it.  Raises InputError as `evaluation.undeclared.record.make`.
+    """
+    place = make(order, folder, samples) if making else made_of(order, folder, samples)
     tracer = estimator_digest()
-    waiting = [place for place in places if not is_traced(place, None if keep else tracer)]
-    begin = time.monotonic()
+    if not tracing or is_traced(place, None if keep else tracer):
+        return "there"
+    return trace_one(place, tracer)
+
+
+def all_done(orders: Sequence[Order], jobs: int, one: Callable[[Order], str]) -> None:
+    """`one` of each record, `jobs` at a time, with a line on standard error.  Raises as that does."""
     os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors
     one_worker_each()
+    begin = time.monotonic()
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        running = {pool.submit(trace_one, place, tracer): place for place in waiting}
-        for done, future in enumerate(as_completed(running), 1):
-            say(f"{done}/{len(waiting)} {running[future].name}: {future.result()}, {time.monotonic() - begin:.0f} s")
+        running = {pool.submit(one, order): order for order in orders}
+        try:
+            for number, future in enumerate(as_completed(running), 1):
+                took = time.monotonic() - begin
+                said = f"{number}/{len(orders)} {running[future].name}: {future.result()}, {took:.0f} s"
+                print(said, file=sys.stderr, flush=True)
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def trace_one(place: Path, tracer: str) -> str:
