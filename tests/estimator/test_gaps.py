@@ -9,6 +9,7 @@ from scipy.integrate import solve_ivp
 
 from estimator.gaps import Drives, Gaps, observe
 from estimator.observer import Observer
+from estimator.record import Record as Sensed
 from estimator.settings import Gain, ObserverSettings
 from tests.estimator.gyro_loop import Record, Truth, close_loop, observer_of
 
@@ -181,3 +182,11 @@ def test_the_oracle_is_unsettled_alike(record: Record) -> None:
     # Behind the second the oracle's angle has no deviation of its own (`tests/estimator/test_carried_angle.py`).
     for name, end in (("deviation", 600), ("innovation_deviation", 600), ("angle_deviation", 521)):
         np.testing.assert_allclose(getattr(found, name)[440:end], getattr(expected, name)[440:end], rtol=1e-4)
+
+
+def test_a_record_is_cut_behind_gaps_whose_drive_nobody_knows() -> None:
+    gaps = Gaps(np.array([139, 302]), np.full((2, 2, 2), np.inf))
+    record = Sensed(np.zeros((400, 1)), np.zeros((400, 1, 1)), np.full(400, 1e-3), gaps=gaps)
+    assert record.stretches == (slice(0, 140), slice(140, 303), slice(303, 400))
+    known = replace(gaps, spread=np.zeros_like(gaps.spread))
+    assert replace(record, gaps=known).stretches == (slice(0, 400),)
