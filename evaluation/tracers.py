@@ -1,8 +1,6 @@
 """`python -m evaluation.tracers EMULATOR`: the tracer on records of one emulator, judged.
 
-EMULATOR is `alder`, `birch` or `cedar` (evaluation/strangers), or `undeclared` (evaluation/undeclared), whose records
-are made first by `python -m evaluation.undeclared generate --folder FOLDER`.  Answers are kept in FOLDER/trace, so that
-it can go on; another tracer on the same records is another commit with another name for that folder.
+EMULATOR is `alder`, `birch` or `cedar` (evaluation/strangers).  Answers are kept in FOLDER/trace, so that it can go on.
 """
 
 import argparse
@@ -11,7 +9,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from pathlib import Path
@@ -20,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from estimator.side_by_side import one_worker_each
-from evaluation.undeclared.judging import class_of, judge
+from evaluation.undeclared.judging import class_of
 from hil.errors import InputError
 from hil.importing.importer import import_record
 from hil.records.atomic import write_text
@@ -33,32 +31,26 @@ Answer = dict[str, Any]
 def main() -> int:
     """Make, trace, judge, print; returns the exit code."""
     parser = argparse.ArgumentParser(prog="python -m evaluation.tracers", description=__doc__)
-    parser.add_argument("emulator", choices=["alder", "birch", "cedar", "undeclared"])
-    parser.add_argument("--seed", type=int, default=1, help="of the records of alder, birch and cedar (default 1)")
+    parser.add_argument("emulator", choices=["alder", "birch", "cedar"])
+    parser.add_argument("--seed", type=int, default=1, help="of the records (default 1)")
     parser.add_argument("--folder", type=Path, required=True, help="of the records and the answers")
     parser.add_argument("--jobs", type=int, default=2, help="processes (default 2)")
     parser.add_argument("--most", type=int, default=10**6, help="records at most")
     options = parser.parse_args()
     folder: Path = options.folder
-    if options.emulator != "undeclared" and not (folder / "truth.json").exists():
+    if not (folder / "truth.json").exists():
         maker = [sys.executable, "-m", f"evaluation.strangers.{options.emulator}"]
         subprocess.run([*maker, "--seed", str(options.seed), "--out", str(folder)], check=True)
-    places = sorted(_places(folder))[: options.most]
+    places = sorted(folder.glob("[0-9][0-9].csv"))[: options.most]
     one_worker_each()
     with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
         answers = dict(zip([place.stem for place in places], pool.map(_traced, places), strict=True))
-    summary = _of_undeclared(folder, answers) if options.emulator == "undeclared" else _of_strangers(folder, answers)
+    summary = _judged(folder, answers)
     seconds = np.array([answer["cpu_s"] for answer in answers.values()])
     summary["cpu_s"] = {"median": float(np.median(seconds)), "95 %": float(np.quantile(seconds, 0.95))}
     write_text(folder / "trace.json", json.dumps(summary, indent=1) + "\n")
     print(json.dumps(summary, indent=1))
     return 0
-
-
-def _places(folder: Path) -> Iterator[Path]:
-    """Records: CSV files beside their bench file, or folders with a capture."""
-    yield from folder.glob("[0-9][0-9].csv")
-    yield from (truth.parent for truth in folder.glob("*/truth.json"))
 
 
 def _traced(place: Path) -> Answer:
@@ -68,10 +60,8 @@ def _traced(place: Path) -> Answer:
         answer: Answer = json.loads(kept.read_text())
         return answer
     kept.parent.mkdir(exist_ok=True)
-    capture, bench = place / "capture.arrow", place / "bench.toml"
-    if place.suffix == ".csv":
-        capture, bench = kept.with_suffix(".arrow"), place.with_suffix(".bench.toml")
-        import_record(place, capture, map_file=None, nonuniform=False)
+    capture, bench = kept.with_suffix(".arrow"), place.with_suffix(".bench.toml")
+    import_record(place, capture, map_file=None, nonuniform=False)
     begin = time.process_time()
     try:
         request = request_of(capture, bench, {"report": False})
@@ -84,7 +74,7 @@ def _traced(place: Path) -> Answer:
     return answer
 
 
-def _of_strangers(folder: Path, answers: Mapping[str, Answer]) -> dict[str, Any]:
+def _judged(folder: Path, answers: Mapping[str, Answer]) -> dict[str, Any]:
     """By kind of record, how many were answered right; intervals of effects named right that hold the truth."""
     truth = json.loads((folder / "truth.json").read_text())
     right, number, intervals, wrong = Counter[str](), Counter[str](), [0, 0], {}
@@ -119,25 +109,6 @@ def _is_right(kind: str, hidden: list[str | None], said: Mapping[str, Any]) -> b
     groups = [class_of(name, said["ambiguity_groups"]) for name in named]
     found = all(any(name in group for group in groups) for name in hidden)
     return said["verdict"] == "explained" and found and len(named) == len(hidden)
-
-
-def _of_undeclared(folder: Path, answers: Mapping[str, Answer]) -> dict[str, Any]:
-    """By category, how many have the class of what is hidden first, and are right; intervals that hold the truth."""
-    number, first, right = Counter[str](), Counter[str](), Counter[str]()
-    covered: list[bool] = []
-    wrong = {}
-    for name, answer in answers.items():
-        judged = judge(json.loads((folder / name / "truth.json").read_text()), answer["diagnosis"])
-        number[judged.category] += 1
-        first[judged.category] += judged.first_class
-        right[judged.category] += judged.right
-        covered += judged.covered.values()
-        if not judged.right:
-            wrong[name] = [judged.verdict, list(judged.named)]
-    return {
-        "n": dict(number), "class first": dict(first), "right": dict(right),
-        "intervals": [sum(covered), len(covered)], "not right": wrong,
-    }  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ turns), which no setting of any method was chosen on.  Each is run in lockstep b
 method reads its record as `hil compare` has it; the methods that close the loop themselves do so on the same device
 with the same seed.  Three cases: as shipped; without dither, so that nothing but the control turns the pattern; with
 ten times the noise.  Results are kept in runs/comparison, one file a record; what is there is not run again.  The page
-evaluation/results/comparison.md and its figure are written anew.
+evaluation/results/comparison.md is written anew.
 """
 
 from pathlib import Path

@@ -18,7 +18,7 @@ from evaluation.measured.inverse_dynamics import (
     trace_forces,
 )
 from evaluation.measured.oscillator import declared, imported, record_of
-from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms, verdict_of
+from evaluation.measured.outcome import MeasuredRow, Outcome, Say, rms, verdict_of
 from hil.records.capture import Capture
 
 FOLDER = "emps"
@@ -56,14 +56,8 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
         "effects). Friction turns over within what the velocity changes by in one sample where the carriage turns. A "
         "mass on no spring adds up what is left of the force: 0.05 N there or less move this figure by millimetres."
     )
-    motion = motion_in(captures[1])
-    time = np.arange(len(after)) * _FILTERS.every / motion.rate
-    panel = Panel(
-        "emps", "EMPS, second file: force that the model lacks", time, "time, s",
-        [("before", before), ("after", after)], "N",
-    )  # fmt: skip
     forced = _described(found.after, found.evidence, found.rejected)
-    return Outcome("EMPS", rows, [words, forced, free, _refined(full)], [panel])
+    return Outcome("EMPS", rows, [words, forced, free, _refined(full)])
 
 
 def forces(first: Capture, second: Capture) -> tuple[ForceTrace, Array, Array]:

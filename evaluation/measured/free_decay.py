@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from evaluation.measured.oscillator import confirmed, declared, described, errors_on, imported, record_of, traced
-from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
+from evaluation.measured.outcome import MeasuredRow, Outcome, Say, rms
 
 _RECORDS = {
     "magnetic_beam": ("decay.csv.gz", "magnetic-beam", False, "Magnetic beam, free decay", 1e6, "µstrain"),
@@ -34,10 +34,5 @@ def measure(folder: str, data: Path, work: Path, say: Say) -> Outcome:
         f"Over the fitted part the free run errs by {fitted[0]:.3g} {unit} before and {fitted[1]:.3g} after; the noise "
         f"is taken as {factor * device.noise[0]:.3g}. The test part goes on from the same start."
     )
-    curves = [("before", errors[0]), ("after", errors[1])]
-    panel = Panel(
-        name, f"{title}: error of the free run", record.time, "time, s",
-        [(label, factor * series[:, 0]) for label, series in curves], unit,
-    )  # fmt: skip
     reasons = ["\n".join(f"- {reason}" for reason in against)] if against else []
-    return Outcome(title, rows, [words, *described(trace), *reasons], [panel])
+    return Outcome(title, rows, [words, *described(trace), *reasons])

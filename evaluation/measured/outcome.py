@@ -1,7 +1,7 @@
-"""What one measured record gives: rows of the table, words, figures."""
+"""What one measured record gives: rows of the table, words."""
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -28,26 +28,12 @@ class MeasuredRow(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Panel:
-    """A figure of two curves over one axis: before and after, or measured and model."""
-
-    name: str
-    title: str
-    x: Array
-    x_label: str
-    curves: Sequence[tuple[str, Array]]
-    y_label: str
-    logarithmic: bool = False
-
-
-@dataclass(frozen=True)
 class Outcome:
-    """Rows, paragraphs in Markdown, figures; seconds: what it took on the wall, import included."""
+    """Rows, paragraphs in Markdown; seconds: what it took on the wall, import included."""
 
     title: str
     rows: list[MeasuredRow]
     paragraphs: list[str]
-    panels: list[Panel] = field(default_factory=list)
     seconds: float = 0.0
 
 

@@ -7,9 +7,8 @@ import numpy as np
 from estimator.diagnosis import Diagnosis
 from estimator.scaling import Array
 from evaluation.measured.oscillator import imported
-from evaluation.measured.outcome import MeasuredRow, Outcome, Panel, Say, rms
+from evaluation.measured.outcome import MeasuredRow, Outcome, Say, rms
 from hil.bench import RateSensorBench, examples, load_any_bench
-from hil.records.capture import Capture
 from hil.tracing.rate_sensor import trace_rate_sensor
 
 FOLDER = "rate_table"
@@ -20,10 +19,9 @@ _STEPPED = ("crs03", "crs09")
 def measure(data: Path, work: Path, say: Say) -> Outcome:
     """Each sensor from the ±100 and ±200 °/s runs to the ±400 °/s run; the step by alternate blocks."""
     rows, words = steady(data / "static.csv", work, say)
-    panels = []
     for sensor in _STEPPED:
         say(f"rate table: {sensor}, step")
-        capture, found = _traced(data / "step_50dps.csv", work, sensor, f"rate-table-{sensor}-step")
+        found = _traced(data / "step_50dps.csv", work, sensor, f"rate-table-{sensor}-step")
         rows.append(_row(sensor, "step, other blocks", found, 1e3, "mV"))
         effects = [effect.name for effect in found.effects]
         errors = (1e3 * _whole(found.residual_before), 1e3 * _whole(found.residual_after))
@@ -33,8 +31,7 @@ def measure(data: Path, work: Path, say: Say) -> Outcome:
             )
         )
         words.append(_described(f"{sensor.upper()}, step", found))
-        panels.append(_panel(sensor, capture, found))
-    return Outcome("Rate table", rows, words, panels)
+    return Outcome("Rate table", rows, words)
 
 
 def steady(table: Path, work: Path, say: Say) -> tuple[list[MeasuredRow], list[str]]:
@@ -42,17 +39,17 @@ def steady(table: Path, work: Path, say: Say) -> tuple[list[MeasuredRow], list[s
     rows, words = [], []
     for sensor in _SENSORS:
         say(f"rate table: {sensor}, steady states")
-        _, found = _traced(table, work, sensor, f"rate-table-{sensor}")
+        found = _traced(table, work, sensor, f"rate-table-{sensor}")
         rows.append(_row(sensor, "±400 °/s", found, 1.0, "V"))
         words.append(_described(f"{sensor.upper()}, steady states", found))
     return rows, words
 
 
-def _traced(source: Path, work: Path, sensor: str, map_name: str) -> tuple[Capture, Diagnosis]:
-    capture = imported(source, work, map_name)
+def _traced(source: Path, work: Path, sensor: str, map_name: str) -> Diagnosis:
+    imported(source, work, map_name)
     bench = load_any_bench(examples.find("bench", f"rate-table-{sensor}"))
     assert isinstance(bench, RateSensorBench)  # the example says axes = 0
-    return capture, trace_rate_sensor(work / f"{map_name}-{source.name.partition('.')[0]}.arrow", bench)
+    return trace_rate_sensor(work / f"{map_name}-{source.name.partition('.')[0]}.arrow", bench)
 
 
 def _whole(residual: Array) -> float:
@@ -82,15 +79,3 @@ def _described(title: str, found: Diagnosis) -> str:
     lines += [f"- {c.effect} and {c.other} look alike on this record ({c.correlation:.4f})" for c in found.separations]
     lines += [f"- {reason}" for reason in found.reasons]
     return "\n".join(lines)
-
-
-def _panel(sensor: str, capture: Capture, found: Diagnosis) -> Panel:
-    was, now = (one[:, 0] for one in (found.residual_before, found.residual_after))
-    moving = np.flatnonzero(np.abs(np.diff(was)) > 6.0 * np.median(np.abs(was)))
-    start = max(int(moving[0]) - 40, 0) if moving.size else 0
-    rows = slice(start, start + 200)
-    curves = [("error before", was), ("error after", now)]
-    return Panel(
-        f"rate-table-{sensor}", f"{sensor.upper()}, step to 50 °/s: output against the model", capture.t_s[rows],
-        "time, s", [(label, 1e3 * series[rows]) for label, series in curves], "mV",
-    )  # fmt: skip

@@ -1,4 +1,4 @@
-"""Whether stated probabilities hold: reliability diagram and expected calibration error of a campaign.
+"""Whether stated probabilities hold: expected calibration error of a campaign.
 
 A statement is a probability and whether what it was stated of was so.  Of all statements of about p, a share of p
 should be so.  The expected calibration error is the mean distance of the two over the statements (Naeini, Cooper &
@@ -8,13 +8,11 @@ Hauskrecht, AAAI 2015).
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 from scipy.stats import beta
 
 BINS = 10
-_INK, _BLUE, _GREY = "#1b2530", "#1d5fa6", "#9aa3ab"
 
 Statement = tuple[float, bool]
 
@@ -76,30 +74,3 @@ def most_probable(entry: Mapping[str, Any], alike: Iterable[frozenset[str]]) -> 
     top = max(classes, key=lambda name: classes[name])
     members = frozenset({top}).union(*(pair for pair in alike if top in pair))
     return members, min(math.fsum(classes.get(name, 0.0) for name in members), 1.0)
-
-
-def write_reliability_diagram(path: Path, found: Calibration, title: str) -> None:
-    """The reliability diagram: the share that was so over the probability stated, and how many statements there are."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": title, "font.size": 8}):
-        figure = Figure(figsize=(3.6, 3.8), layout="constrained")
-        axes = figure.add_subplot()
-        axes.plot([0, 1], [0, 1], color=_GREY, lw=0.8)
-        for one in found.bins:
-            axes.plot([one.stated, one.stated], [one.low, one.high], color=_BLUE, lw=1.0)
-            axes.plot(one.stated, one.so, "o", color=_BLUE, ms=4)
-            side = "right" if one.stated > 0.5 else "left"
-            shift = -5 if one.stated > 0.5 else 5
-            axes.annotate(
-                str(one.number), (one.stated, one.so), (shift, 4), textcoords="offset points", ha=side, color=_INK
-            )
-        axes.set_xlim(-0.02, 1.02)
-        axes.set_ylim(-0.02, 1.05)
-        axes.set_aspect("equal")
-        axes.set_xlabel("probability stated")
-        axes.set_ylabel("share that was so, with its 95 % interval")
-        error = "" if found.error is None else f", expected calibration error {found.error:.3f}"
-        axes.set_title(f"{title}: {found.number} statements{error}", fontsize=7)
-        figure.savefig(path, metadata={"Date": None})

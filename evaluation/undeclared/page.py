@@ -4,21 +4,19 @@ from collections.abc import Mapping, Sequence, Set
 from pathlib import Path
 from typing import Any
 
-from evaluation.undeclared.calibration import write_reliability_diagram
 from evaluation.undeclared.effects import EFFECTS
 from evaluation.undeclared.judging import NOTHING, Judgement
-from evaluation.undeclared.summary import ratios, stated
+from evaluation.undeclared.summary import ratios
 from hil.records.atomic import write_text
 
 _INK, _PAPER, _RIGHT, _WRONG = "#1b2530", "#ffffff", "#1d5fa6", "#b3261e"
 
 
 def write_page(folder: Path, summary: Mapping[str, Any], judged: Sequence[Judgement]) -> None:
-    """Write `undeclared.md`, `undeclared.svg` and `undeclared-calibration.svg` into `folder`."""
+    """Write `undeclared.md` and `undeclared.svg` into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     right = {(j.row, j.column) for j in judged if j.right}
     _draw(folder / "undeclared.svg", summary["confusion"], right)
-    write_reliability_diagram(folder / "undeclared-calibration.svg", stated(judged), "undeclared effects")
     write_text(folder / "undeclared.md", _page(summary, judged))
 
 
@@ -70,8 +68,6 @@ def _page(summary: Mapping[str, Any], judged: Sequence[Judgement]) -> str:
         "observer has to allow for it. Records with nothing hidden have the same few per cent.",
         "",
         "![What was hidden, in rows, and what was named first, in columns](undeclared.svg)",
-        "",
-        "![How often the account that was called the most probable was the truth](undeclared-calibration.svg)",
         "",
         "Size is stated without units: in amplitudes, in k A, in radians of the vibration. Innovation is that of the",
         "observer in the loop, which did not know the effect, over the true noise: smallest, median, largest.",

@@ -1,11 +1,9 @@
 """Stated probabilities beside how often they were right: bins, the error, the diagram, and what counts as right."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from evaluation.undeclared.calibration import calibration, most_probable, write_reliability_diagram
+from evaluation.undeclared.calibration import calibration, most_probable
 from evaluation.undeclared.judging import judge
 from evaluation.undeclared.summary import summarise
 from tests.undeclared.test_judging import BACKLASH, CUBIC, GAIN, said, truth
@@ -78,7 +76,7 @@ def test_nothing_is_right_of_a_calm_record_only_where_the_bound_holds() -> None:
 
 
 @pytest.mark.moderate
-def test_the_campaign_counts_and_draws_them(tmp_path: Path) -> None:
+def test_the_campaign_counts_them() -> None:
     answer = said("explained") | {"probabilities": [{"effect": None, "classes": {"sense_gain": 0.75, "nothing": 0.25}}]}
     judged = [judge(truth("single", GAIN), answer), judge(truth("clean"), answer), judge(truth("clean"), None)]
     found = summarise(judged)["calibration"]
@@ -86,5 +84,3 @@ def test_the_campaign_counts_and_draws_them(tmp_path: Path) -> None:
     both = summarise([*judged, judge(truth("calm", GAIN), answer)])
     for kind, number, error in (("", 3, 1 / 12), ("_excited", 2, 0.25), ("_calm", 1, 0.25)):
         assert (both[f"calibration{kind}"]["n"], both[f"calibration{kind}"]["error"]) == (number, pytest.approx(error))
-    write_reliability_diagram(tmp_path / "c.svg", calibration([(0.75, True), (0.75, False)]), "two")
-    assert "2 statements, expected calibration error 0.250" in (tmp_path / "c.svg").read_text(encoding="utf-8")
