@@ -1,18 +1,23 @@
 """The likelihood of a driven gyro or oscillator: innovations of its filter."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from estimator.core.following import Portion
+from estimator.core.likelihood import Pass, Samples
 from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Effect
-from estimator.scaling import Array
+from estimator.scaling import Array, Scaling
+from estimator.side_by_side import stop_if_abandoned
 from estimator.trace.candidates import candidates
 from estimator.trace.examination import Examination, examine
 from estimator.trace.kept import Kept
 from estimator.trace.likelihood import (
-    AT_THE_START,
+    BLOCKS,
     Beginning,
     Evaluation,
     Layout,
@@ -20,11 +25,12 @@ from estimator.trace.likelihood import (
     Model,
     Noise,
     ObserverLayout,
-    evaluate,
+    observer_of,
     reach_of,
 )
 from estimator.trace.noise import MEDIAN_OF_SQUARE, level
 from estimator.trace.problem import Effects, Problem
+from estimator.trace.start import begin_moving
 
 FIRST = 2500
 """Samples of the beginning that is fitted first."""
@@ -36,6 +42,10 @@ CLOSE, ROUGH = 0.5, 1.0
 """Decades to which a level is found: the likelihood of any parameter is flat beside that."""
 QUIET = 1e-9
 """Of the scaled units: a random force or rate that is none."""
+START_CYCLES = 3.0
+"""What the start of a filter tells depends on how it was begun: it does not count."""
+NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)
+"""Constants of which no sensitivity is followed."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +53,7 @@ class Filtered(Likelihood):
     """`Likelihood` of a problem whose motion is followed by a filter."""
 
     problem: Problem
-    beginning: Beginning = AT_THE_START
+    beginning: Beginning = field(default_factory=Beginning)
     _kept: Kept = field(default_factory=Kept, init=False, repr=False, compare=False)
 
     @property
@@ -110,7 +120,59 @@ class Filtered(Likelihood):
 
     def _evaluated(self, layout: Layout, model: Model, derivatives: bool, tested: Effects | None) -> Evaluation:
         assert isinstance(layout, ObserverLayout)
-        return evaluate(self.problem, layout, model, self.beginning, derivatives=derivatives, tested=tested)
+        shifts, tested = layout.shifted(model) if derivatives else [], tested or {}
+        others = [self._over(layout, moved).white for moved, _ in shifts]
+        known = layout.index if derivatives else layout.index[:0]
+        seen = self._over(layout, model, known, tested, others, [step for _, step in shifts])
+        # In the order of names: the model's own, its searched parameters, what is tested; the innovation is among them.
+        c, k = len(known), seen.delta.shape[1]
+        column = dict(zip(layout.by_difference, range(k + 1, k + 1 + len(shifts)), strict=False))
+        order = [*(column.get(place, place) for place in range(c + len(layout.searched) * derivatives)), *range(c, k)]
+        scaling = Scaling.of(self.problem.device)
+        volts = np.array([scaling.sense(axis) for axis in range(self.axes)])
+        deviation = np.sqrt(np.where(seen.variance > 0.0, seen.variance, np.nan)) * np.abs(volts)
+        by = [name for name in tested for _ in self.effect(name).coefficients]
+        with np.errstate(over="ignore", invalid="ignore"):
+            gram = seen.gram
+        return Evaluation(
+            (*(layout.names if derivatives else ()), *by),
+            # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
+            -gram[:, order, k], gram[:, order][:, :, order], gram[:, k, k], seen.logs, seen.counted.astype(float),
+            np.where(np.isfinite(self.problem.record.sense), seen.innovation * volts, np.nan), deviation,
+        )  # fmt: skip
+
+    def _over(
+        self,
+        layout: ObserverLayout,
+        model: Model,
+        known: NDArray[np.int64] = NOTHING,
+        tested: Effects | None = None,
+        others: Sequence[Array] = (),
+        shifts: Sequence[float] = (),
+    ) -> Pass:
+        """A filter's pass over the record: with the sensitivities of constants that it knows (indices `known`), of the
+        coefficients of effects that it lacks, and of models that are shifted.
+        """
+        record = self.problem.record
+        observer = observer_of(self.problem, layout.effects_of(model), model.noise, tested)
+        observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
+        begin_moving(observer, record)
+        observer.begin_at(self.beginning.seconds, self.beginning.temperature)
+        z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
+        observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
+        skip = int(np.ceil(START_CYCLES * 2.0 * np.pi / observer.h))
+        watched = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
+        rows = observer.states + len(observer.active)
+        samples = Samples(Portion(z, u, h, warmth), np.linspace(0, len(record), BLOCKS + 1).astype(np.int64), skip)
+        found = Pass(samples, rows, known, watched, others, shifts)
+        gaps = record.gaps
+        added = {} if gaps is None else dict(zip((gaps.last + 1).tolist(), gaps.spread, strict=True))
+        for begin, end in pairwise([0, *sorted({*added, len(record)})]):
+            stop_if_abandoned()
+            found.advance(observer, begin, end)
+            if end in added:
+                observer.unsettle(added[end])
+        return found
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
         """The model with the random force that is declared, and with the one that it has."""

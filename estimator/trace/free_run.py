@@ -34,8 +34,6 @@ from estimator.trace.likelihood import (
     Model,
     Noise,
     ObserverLayout,
-    Sums,
-    blocks_of,
     observer_of,
 )
 from estimator.trace.problem import Effects, Problem
@@ -241,22 +239,15 @@ class FreeRun(Filtered):
             for place, column in zip(layout.by_difference, shifted, strict=True):
                 rest = rows[:, place + (place in layout.tied) :]
                 rows = np.column_stack([rows[:, :place], column, rest])
-        return self._summed(run, names, rows, model.noise.independent)
-
-    def _summed(self, run: "_Run", names: tuple[str, ...], rows: Array, share: float) -> Evaluation:
-        """The pass from its whitened rows, those of samples that do not count being NaN."""
-        axes, sums = self.axes, Sums.of(len(names))
-        for block, (begin, end) in enumerate(blocks_of(self.samples)):
-            part = rows[axes * begin : axes * end]
-            sums.add(block, part[~np.isnan(part[:, -1])])
+        whitened = rows.reshape(self.samples, self.axes, -1)
         with np.errstate(over="ignore", invalid="ignore"):
-            innovation = (rows[:, -2] * np.exp(rows[:, -1])).reshape(-1, axes)
-        volts = run.observer.volts
-        sums = sums.times(share)  # of a coloured error, n samples say as much as fewer that are independent
-        return Evaluation(
-            names, sums.score, sums.information, sums.power, sums.logs, sums.count,
-            innovation * volts, np.exp(rows[:, -1]).reshape(-1, axes) * np.abs(volts), share,
-        )  # fmt: skip
+            deviation = np.exp(whitened[:, :, -1])
+            innovation = whitened[:, :, -2] * deviation
+        # Of a coloured error, n samples say as much as fewer that are independent.
+        volts, share = run.observer.volts, model.noise.independent
+        return Evaluation.of_rows(
+            names, whitened, innovation * volts, deviation * np.abs(volts), weight=share, share=share
+        )
 
 
 def remembers(effect: Effect) -> bool:

@@ -1,32 +1,24 @@
 """One pass of the filter over a record: innovations, their likelihood, and its derivatives by any parameters."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from itertools import pairwise
-from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-from estimator.core.following import Portion
-from estimator.core.likelihood import Pass, Samples
-from estimator.effects.catalogue import effect_for
 from estimator.effects.declaration import Coefficient as EffectCoefficient
 from estimator.effects.declaration import Effect, Parameter, name_of
 from estimator.effects.labels import kind
 from estimator.effects.search import Search
 from estimator.observer import Observer
-from estimator.record import Record
 from estimator.scaling import Array, Scaling
 from estimator.settings import Gain, ObserverSettings, Variant
-from estimator.side_by_side import stop_if_abandoned
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.examination import Examination
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.start import begin_moving
 
 BLOCKS = 24
 """Parts of a record whose scores are taken as independent: longer than the memory of any filter that follows."""
@@ -36,16 +28,12 @@ LEAST = 1e-3
 """Of where a search begins a parameter, below which it does not go."""
 SPEED = (1, -1)
 """Powers of length and time in the unit of a velocity."""
-START_CYCLES = 3.0
-"""What the start of a filter tells depends on how it was begun: it does not count."""
 AT_FLOOR = THRESHOLDS.criterion.floor
 """Innovation over the noise floor, rms, that a complete model may leave."""
 RARE = THRESHOLDS.criterion.chance
 """How often a check fails where all is well, and how often an effect may be named that is not there."""
 TIE = THRESHOLDS.criterion.tie
 """Of twice the log-likelihood, below which two accounts are told together."""
-NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)
-"""Constants of which no sensitivity is followed."""
 
 
 @dataclass(frozen=True)
@@ -105,6 +93,30 @@ class Evaluation:
                   for one in fields(cls) if one.name not in single}  # fmt: skip
         return cls(seen[0].names, **joined, share=float(np.mean([one.share for one in seen])), records=records)
 
+    @classmethod
+    def of_rows(
+        cls, names: tuple[str, ...], rows: Array, innovation: Array, deviation: Array, *, weight: float = 1.0,
+        share: float = 1.0,
+    ) -> "Evaluation":  # fmt: skip
+        """From whitened rows (n, axes, k + 2): derivatives, the innovation, the logarithm of its deviation, NaN where a
+        sample does not count; weight: of each in the sums.
+        """
+        k = len(names)
+        score, information = np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k))
+        power, logs, count = np.zeros((3, BLOCKS))
+        for block, (begin, end) in enumerate(pairwise(np.linspace(0, len(rows), BLOCKS + 1).astype(int))):
+            part = rows[begin:end].reshape(-1, k + 2)
+            part = part[~np.isnan(part[:, -1])]
+            with np.errstate(over="ignore", invalid="ignore"):
+                both = part[:, :-1].T @ part[:, :-1]
+            # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
+            information[block], score[block], power[block] = both[:-1, :-1], -both[:-1, -1], both[-1, -1]
+            logs[block], count[block] = part[:, -1].sum(), len(part)
+        return cls(
+            names, weight * score, weight * information, weight * power, weight * logs, weight * count,
+            innovation, deviation, share,
+        )  # fmt: skip
+
     @property
     def sound(self) -> bool:
         """Whether the filter followed the motion to the end."""
@@ -134,42 +146,7 @@ class Check:
     effect: str = ""
 
 
-def blocks_of(samples: int) -> Iterable[tuple[int, int]]:
-    """First and end of each part of so many samples."""
-    return pairwise(np.linspace(0, samples, BLOCKS + 1).astype(int).tolist())
-
-
-@dataclass(frozen=True)
-class Sums:
-    """What `Evaluation` has of whitened rows, by part of the record."""
-
-    score: Array
-    information: Array
-    power: Array
-    logs: Array
-    count: Array
-
-    @classmethod
-    def of(cls, parameters: int) -> "Sums":
-        """Of nothing yet, for so many parameters."""
-        k = parameters
-        return cls(
-            np.zeros((BLOCKS, k)), np.zeros((BLOCKS, k, k)), np.zeros(BLOCKS), np.zeros(BLOCKS), np.zeros(BLOCKS)
-        )
-
-    def add(self, block: int, rows: Array) -> None:
-        """Rows (m, k + 2) of a part: derivatives, the innovation, the logarithm of its deviation."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            both = rows[:, :-1].T @ rows[:, :-1]
-        # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
-        self.information[block], self.score[block], self.power[block] = both[:-1, :-1], -both[:-1, -1], both[-1, -1]
-        self.logs[block], self.count[block] = rows[:, -1].sum(), len(rows)
-
-    def times(self, share: float) -> "Sums":
-        """Those of so large a share of the rows."""
-        return Sums(*(share * getattr(self, each.name) for each in fields(self)))
-
-
+@dataclass(kw_only=True, eq=False)
 class Layout(ABC):
     """The parameters of a model: where each stands, its prior, its bounds, its unit.
 
@@ -187,7 +164,7 @@ class Layout(ABC):
     most: Array
     factor: Array
     varying: frozenset[str] = frozenset()
-    tied: Mapping[int, tuple[str, str, float]] = MappingProxyType({})
+    tied: Mapping[int, tuple[str, str, float]] = field(default_factory=dict)
 
     @property
     def shared(self) -> list[int]:
@@ -472,92 +449,3 @@ class Beginning:
 
     seconds: float = 0.0
     temperature: float | None = None
-
-
-AT_THE_START = Beginning()
-
-
-def evaluate(
-    problem: Problem,
-    layout: ObserverLayout,
-    model: Model,
-    beginning: Beginning = AT_THE_START,
-    *,
-    derivatives: bool = True,
-    tested: Effects | None = None,
-) -> Evaluation:
-    """`Likelihood.evaluate` of a driven gyro or oscillator, by its filter.
-
-    Raises ModelError as `Observer` does.
-    """
-    shifts = layout.shifted(model) if derivatives else []
-    others = [_over(problem, beginning, layout, moved).white for moved, _ in shifts]
-    known = layout.index if derivatives else layout.index[:0]
-    seen = _over(problem, beginning, layout, model, known, tested, others, [step for _, step in shifts])
-    # In the order of names: the model's own, its searched parameters, what is tested; the innovation stands among them.
-    c, k = len(known), seen.delta.shape[1]
-    column = dict(zip(layout.by_difference, range(k + 1, k + 1 + len(shifts)), strict=False))
-    order = [*(column.get(place, place) for place in range(c + len(layout.searched) * derivatives)), *range(c, k)]
-    volts = _volts(problem)
-    deviation = np.sqrt(np.where(seen.variance > 0.0, seen.variance, np.nan)) * np.abs(volts)
-    with np.errstate(over="ignore", invalid="ignore"):
-        gram = seen.gram
-    return Evaluation(
-        (*(layout.names if derivatives else ()), *_coefficients(problem, tested or {})),
-        # A column is what the innovation gains for one of a parameter: less than the prediction's derivative.
-        -gram[:, order, k], gram[:, order][:, :, order], gram[:, k, k], seen.logs, seen.counted.astype(float),
-        np.where(np.isfinite(problem.record.sense), seen.innovation * volts, np.nan), deviation,
-    )  # fmt: skip
-
-
-def _coefficients(problem: Problem, tested: Effects) -> list[str]:
-    """The effect of each coefficient that is tested."""
-    device = problem.device
-    return [name for name in tested for _ in effect_for(name, device.axes, device.own)[1].coefficients]
-
-
-def _volts(problem: Problem) -> Array:
-    scaling = Scaling.of(problem.device)
-    return np.array([scaling.sense(axis) for axis in range(problem.device.axes)])
-
-
-def _over(
-    problem: Problem,
-    beginning: Beginning,
-    layout: ObserverLayout,
-    model: Model,
-    known: NDArray[np.int64] = NOTHING,
-    tested: Effects | None = None,
-    others: Sequence[Array] = (),
-    shifts: Sequence[float] = (),
-) -> Pass:
-    """A filter's pass over a record: with the sensitivities of constants that it knows (indices `known`), of the
-    coefficients of effects that it lacks, and of models that are shifted.
-    """
-    record = problem.record
-    observer = observer_of(problem, layout.effects_of(model), model.noise, tested)
-    observer.x[observer.states + layout.index] = model.theta[: len(layout.index)]
-    begin_moving(observer, record)
-    observer.begin_at(beginning.seconds, beginning.temperature)
-    z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
-    observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
-    skip = int(np.ceil(START_CYCLES * 2.0 * np.pi / observer.h))
-    watched = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
-    rows = observer.states + len(observer.active)
-    samples = Samples(Portion(z, u, h, warmth), np.linspace(0, len(record), BLOCKS + 1).astype(np.int64), skip)
-    found = Pass(samples, rows, known, watched, others, shifts)
-    for begin, end, spread in _pieces(record):
-        stop_if_abandoned()
-        found.advance(observer, begin, end)
-        if spread is not None:
-            observer.unsettle(spread)
-    return found
-
-
-def _pieces(record: Record) -> list[tuple[int, int, Array | None]]:
-    """A record cut behind its gaps, each piece with what the gap at its end adds to the motion's covariance."""
-    gaps, n = record.gaps, len(record)
-    if gaps is None or not len(gaps):
-        return [(0, n, None)]
-    cuts: dict[int, Array] = dict(zip((gaps.last + 1).tolist(), gaps.spread, strict=True))
-    return [(a, b, cuts.get(b)) for a, b in pairwise([0, *sorted({*cuts, n})])]

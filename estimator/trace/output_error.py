@@ -33,8 +33,6 @@ from estimator.trace.likelihood import (
     Model,
     Noise,
     Size,
-    Sums,
-    blocks_of,
 )
 from estimator.trace.noise import level
 from estimator.trace.problem import Effects
@@ -45,19 +43,12 @@ NO_WALK, ALL_WALK = 1e-3, 1e1
 Rows = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
+@dataclass(kw_only=True, eq=False)
 class OutputLayout(Layout):
     """A layout whose parameters have deviations of about one; effects: by name, where the coefficients of each begin,
     SI, nothing where at zero.
     """
 
-    names: tuple[str, ...]
-    owner: tuple[str, ...]
-    mean: Array
-    deviation: Array
-    least: Array
-    most: Array
-    factor: Array
     effects: Effects
 
     def effects_of(self, model: Model) -> Effects:
@@ -286,19 +277,15 @@ class OutputError(Likelihood):
         """The readings beside their prediction; an innovation is what one is off."""
         stop_if_abandoned()
         names = (*(layout.names if derivatives else ()), *(tested or {}))
-        sums = Sums.of(len(names))
         try:
             both = self._beside(layout, model, derivatives=derivatives, tested=tested or {})
             rows, left = self._whitened(layout, model, *both)
         except ModelError:
             rows, left = np.full((BLOCKS, len(names) + 2), np.inf), np.full(self.samples, np.inf)
-        for block, (begin, end) in enumerate(blocks_of(len(rows))):
-            sums.add(block, rows[begin:end])
         # A reading that hangs on what came before the record counts as one of the others does.
-        sums = sums.times(self.samples / len(rows))
-        return Evaluation(
-            names, sums.score, sums.information, sums.power, sums.logs, sums.count,
-            left[:, None], np.full((self.samples, 1), self.output.noise),
+        return Evaluation.of_rows(
+            names, rows[:, None], left[:, None], np.full((self.samples, 1), self.output.noise),
+            weight=self.samples / len(rows),
         )  # fmt: skip
 
     def _beside(

@@ -11,8 +11,8 @@ from estimator.record import Record
 from estimator.scaling import Array, Scaling
 from estimator.settings import Device, Gain, ObserverSettings, ProcessNoise, Spread, Variant
 from estimator.trace.experiments import EXPERIMENTS, loop_record
-from estimator.trace.filtered import Filtered
-from estimator.trace.likelihood import START_CYCLES, Model, observer_of
+from estimator.trace.filtered import START_CYCLES, Filtered
+from estimator.trace.likelihood import Model, observer_of
 from estimator.trace.observed import run
 from estimator.trace.problem import Problem
 from tests.estimator.whitening import whitener
