@@ -94,7 +94,6 @@ class Symmetries:
 class Floor:
     """The noise that a complete model would leave."""
 
-    bins: int = _set(64, "bins", "Fewer tell a floor to no better than a fifth.")
     upper: float = _set(4.0, "1 / share of the sampling rate", "The floor is read from the upper half of the spectrum.")
 
 

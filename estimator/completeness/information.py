@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.effects.labels import kind
 from estimator.errors import ModelError
 from estimator.scaling import Array
 
@@ -183,19 +184,12 @@ class Information:
         how much better each predicts the record than none.  All kinds are as probable beforehand, with however many
         parameters each was tested.
         """
-        kinds = Counter(kind_of(effect) for effect, _ in evidence)
+        kinds = Counter(kind(effect) for effect, _ in evidence)
         logs = {
-            account: gain + math.log(1.0 / (len(kinds) * kinds[kind_of(account[0])]))
-            if math.isfinite(gain)
-            else -math.inf
+            account: gain + math.log(1.0 / (len(kinds) * kinds[kind(account[0])])) if math.isfinite(gain) else -math.inf
             for account, gain in evidence.items()
         }
         largest = max(0.0, *logs.values())
         weights = {account: math.exp(log - largest) for account, log in logs.items()}
         total = math.exp(-largest) + sum(weights.values())
         return {account: weight / total for account, weight in weights.items()}
-
-
-def kind_of(effect: str) -> str:
-    """An effect without the label of the parameters that it was watched with."""
-    return effect.partition(":")[0]

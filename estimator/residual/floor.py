@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from estimator.chance import chi2_isf
-from estimator.residual.spectrum import ORDERS, Periodogram, folded
+from estimator.residual.spectrum import FLOOR_BINS, ORDERS, Periodogram, floor_deviation, folded
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
-
-_SET = THRESHOLDS.floor
 
 
 @dataclass(frozen=True)
@@ -48,18 +46,11 @@ def noise_floor(
         return Floor(np.nanmedian(predicted, axis=0), 0.0, "the declared noise, behind the record's filter")
     quiet = quiet_bins(spectrum.frequency, sample_rate, resonance)
     count = int(np.sum(quiet))
-    if count < _SET.bins:
+    if count < FLOOR_BINS:
         return Floor(np.nanmedian(predicted, axis=0), 0.0, "the declared noise")
     median = np.median(spectrum.density[quiet], axis=0) / math.log(2.0)
     uncertainty = floor_deviation(count) / 2.0  # an amplitude's is half of a power's
     return Floor(np.sqrt(median * sample_rate / 2.0), uncertainty, "the spectrum away from the resonance")
-
-
-def floor_deviation(count: int) -> float:
-    """Relative standard deviation of a power that is the median of so many bins; of a median of exponentials, n bins of
-    a Hann window being as good as n/1.94 independent ones.
-    """
-    return math.sqrt(1.94 / max(count, 1)) / math.log(2.0)
 
 
 def quiet_bins(frequency: Array, sample_rate: float, resonance: float) -> NDArray[np.bool_]:
@@ -70,8 +61,8 @@ def quiet_bins(frequency: Array, sample_rate: float, resonance: float) -> NDArra
     away: NDArray[np.bool_] = np.ones(len(frequency), dtype=bool)
     for order in range(ORDERS + 1):
         away &= np.abs(frequency - folded(order * resonance, sample_rate)) > THRESHOLDS.spectrum.sideband * resonance
-    upper: NDArray[np.bool_] = away & (frequency > sample_rate / _SET.upper)
-    return upper if np.sum(upper) >= _SET.bins else away
+    upper: NDArray[np.bool_] = away & (frequency > sample_rate / THRESHOLDS.floor.upper)
+    return upper if np.sum(upper) >= FLOOR_BINS else away
 
 
 def repeated_noise(sense: Array, drive: Array) -> Array | None:

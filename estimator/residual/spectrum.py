@@ -22,6 +22,19 @@ _LISTED = 24  # lines at most; candidates are fewer of the strongest
 _CORRELATED = 1.94  # by how much a Hann window's bins correlate: 1 + 2 (4/9 + 1/36)
 
 
+def floor_deviation(count: int) -> float:
+    """Relative standard deviation of a power that is the median of so many bins; of a median of exponentials, n bins of
+    a Hann window being as good as n/1.94 independent ones.
+    """
+    return math.sqrt(_CORRELATED / max(count, 1)) / math.log(2.0)
+
+
+FLOOR_BINS = math.ceil((floor_deviation(1) / 2.0 / (THRESHOLDS.criterion.floor - 1.0)) ** 2)
+"""Bins that tell a floor, of which an amplitude is known to half of what a power is, to what a complete model may leave
+beside it.
+"""
+
+
 @dataclass(frozen=True)
 class Periodogram:
     """One-sided density (m, axes) V²/Hz at frequency (m,) Hz of a Hann window over the whole record.
@@ -107,7 +120,7 @@ def _local_floor(power: Array, frequency: Array, resonance: float) -> tuple[Arra
     """Median of blocks over ln 2, which a line within moves little, joined by straight lines; degrees of freedom."""
     bins = len(frequency)
     # As wide as the resonance is high: one multiple of it in each.
-    width = max(THRESHOLDS.floor.bins, math.ceil(resonance / (frequency[1] - frequency[0])))
+    width = max(FLOOR_BINS, math.ceil(resonance / (frequency[1] - frequency[0])))
     edges = np.linspace(0, bins, max(bins // width, 1) + 1).astype(int)
     blocks = [slice(start, stop) for start, stop in pairwise(edges)]
     middles = np.array([np.mean(frequency[block]) for block in blocks])

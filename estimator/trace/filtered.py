@@ -15,7 +15,6 @@ from estimator.scaling import Array, Scaling
 from estimator.side_by_side import stop_if_abandoned
 from estimator.trace.candidates import candidates
 from estimator.trace.examination import Examination, examine
-from estimator.trace.kept import Kept
 from estimator.trace.likelihood import (
     BLOCKS,
     Beginning,
@@ -44,6 +43,8 @@ QUIET = 1e-9
 """Of the scaled units: a random force or rate that is none."""
 START_CYCLES = 3.0
 """What the start of a filter tells depends on how it was begun: it does not count."""
+KEPT = 24
+"""Passes over a record that are kept, the last: a search comes back to a model within a round."""
 NOTHING: NDArray[np.int64] = np.zeros(0, np.int64)
 """Constants of which no sensitivity is followed."""
 
@@ -54,7 +55,8 @@ class Filtered(Likelihood):
 
     problem: Problem
     beginning: Beginning = field(default_factory=Beginning)
-    _kept: Kept = field(default_factory=Kept, init=False, repr=False, compare=False)
+    _parts: dict[tuple[int, int], "Filtered"] = field(default_factory=dict, init=False, repr=False, compare=False)
+    _passes: dict[tuple[object, bool], Evaluation] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def effects(self) -> Effects:
@@ -79,8 +81,12 @@ class Filtered(Likelihood):
     def part(self, rows: slice) -> "Filtered":
         """The same of these samples only."""
         rows = slice(*rows.indices(self.samples))
-        whole = rows == slice(0, self.samples, 1)
-        return self if whole else self._kept.part((rows.start, rows.stop), lambda: self._part(rows))
+        if rows == slice(0, self.samples, 1):
+            return self
+        key = rows.start, rows.stop
+        if key not in self._parts:
+            self._parts[key] = self._part(rows)
+        return self._parts[key]
 
     def _part(self, rows: slice) -> "Filtered":
         record = self.problem.record
@@ -116,7 +122,13 @@ class Filtered(Likelihood):
     ) -> Evaluation:
         """A pass over the record.  Raises ModelError as `Observer` does."""
         key = (repr(model.effects), model.theta.tobytes(), model.noise, repr(tested))
-        return self._kept.evaluation(key, derivatives, lambda: self._evaluated(layout, model, derivatives, tested))
+        # A pass with derivatives has all of one without.
+        found = self._passes.get((key, True)) or self._passes.get((key, derivatives))
+        if found is None:
+            found = self._passes[key, derivatives] = self._evaluated(layout, model, derivatives, tested)
+            for oldest in list(self._passes)[:-KEPT]:
+                self._passes.pop(oldest, None)
+        return found
 
     def _evaluated(self, layout: Layout, model: Model, derivatives: bool, tested: Effects | None) -> Evaluation:
         assert isinstance(layout, ObserverLayout)
