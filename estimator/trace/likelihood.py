@@ -2,9 +2,10 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -146,7 +147,6 @@ class Check:
     effect: str = ""
 
 
-@dataclass(kw_only=True, eq=False)
 class Layout(ABC):
     """The parameters of a model: where each stands, its prior, its bounds, its unit.
 
@@ -164,7 +164,7 @@ class Layout(ABC):
     most: Array
     factor: Array
     varying: frozenset[str] = frozenset()
-    tied: Mapping[int, tuple[str, str, float]] = field(default_factory=dict)
+    tied: Mapping[int, tuple[str, str, float]] = MappingProxyType({})
 
     @property
     def shared(self) -> list[int]:

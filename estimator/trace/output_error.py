@@ -43,12 +43,19 @@ NO_WALK, ALL_WALK = 1e-3, 1e1
 Rows = NDArray[np.int64]
 
 
-@dataclass(kw_only=True, eq=False)
+@dataclass(frozen=True)
 class OutputLayout(Layout):
     """A layout whose parameters have deviations of about one; effects: by name, where the coefficients of each begin,
     SI, nothing where at zero.
     """
 
+    names: tuple[str, ...]
+    owner: tuple[str, ...]
+    mean: Array
+    deviation: Array
+    least: Array
+    most: Array
+    factor: Array
     effects: Effects
 
     def effects_of(self, model: Model) -> Effects:

@@ -60,7 +60,7 @@ class PooledLayout(Layout):
     """
 
     def __init__(self, parts: Sequence[Part], level: Level, effects: Effects) -> None:
-        self.given, self.level, self.tied = of_records(effects), level, {}
+        self.given, self.level = of_records(effects), level
         alone = [self._alone(part) for part in parts]
         self.first = first = alone[0]
         self.records = tuple(part.name for part in parts)
