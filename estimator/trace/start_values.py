@@ -56,7 +56,7 @@ def of_thresholds(record: Record, device: Device) -> dict[Search, Values]:
     if np.any(drive):
         largest, usual = float(np.max(drive)), float(np.sqrt(np.mean(drive**2)))
         values[Search.LIMITS] = labelled(_SET.shares, largest)
-        values[Search.THRESHOLDS.spectrum.sidebandS] = labelled(_SET.dead_band, usual)
+        values[Search.BANDS] = labelled(_SET.dead_band, usual)
     reach = np.nanmax(np.abs(record.sense / np.abs(device.sense_gain)))
     return values | {Search.LEVELS: labelled(_SET.shares, float(reach))}
 
