@@ -17,7 +17,7 @@ from estimator.core.compiler import command
 from estimator.observer import Observer
 from hil.bench import load_bench, override
 from hil.bench.examples import find
-from hil.generating.golden import golden
+from hil.generating.c_code import golden
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from hil.plugins.of_bench import loop_observer

@@ -35,7 +35,7 @@ from hil.bench.calibration import ASSUMED
 from hil.bench.examples import find
 from hil.records.atomic import write_text
 from hil.records.result import Contribution
-from hil.verdict.remedies import remedy
+from hil.verdict.angle import remedy
 
 DEVICES = 10
 """Of each plant."""

@@ -14,9 +14,9 @@ import numpy as np
 from benchmarks.lockstep import ClosedLoop, bench_of, close_loop, scenario_of
 from device_emulator.scenario import Scenario
 from hil.errors import InputError
-from hil.plugins.errors import PluginError
 from hil.plugins.parts import Named
 from hil.plugins.plugged import Plugged
+from hil.plugins.protocol import PluginError
 
 LOOPS = ("amplitude", "phase", "rate", "quadrature", "pattern")
 DESIGNS = ((0.5, 60.0), (1.0, 70.0), (2.0, 60.0), (4.0, 50.0), (4.0, 40.0))

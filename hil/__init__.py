@@ -46,12 +46,12 @@ if TYPE_CHECKING:
     from hil.library.verbs import score as score
     from hil.library.verbs import sweep as sweep
     from hil.library.verbs import trace as trace
-    from hil.plugins.errors import PluginError as PluginError
     from hil.plugins.protocol import Controller as Controller
     from hil.plugins.protocol import DeclaredDevice as DeclaredDevice
     from hil.plugins.protocol import Drive as Drive
     from hil.plugins.protocol import Estimate as Estimate
     from hil.plugins.protocol import Observer as Observer
+    from hil.plugins.protocol import PluginError as PluginError
     from hil.plugins.protocol import TrimVoltages as TrimVoltages
     from hil.records.methods import MethodRow as MethodRow
     from hil.records.methods import Methods as Methods
@@ -81,8 +81,9 @@ _OFFERED = {
         "characterise", "compare", "diff", "dry_run", "export", "identify", "import_record", "load_bench", "record",
         "replay", "run", "score", "sweep", "trace",
     ),
-    "hil.plugins.errors": ("PluginError",),
-    "hil.plugins.protocol": ("Controller", "DeclaredDevice", "Drive", "Estimate", "Observer", "TrimVoltages"),
+    "hil.plugins.protocol": (
+        "Controller", "DeclaredDevice", "Drive", "Estimate", "Observer", "PluginError", "TrimVoltages",
+    ),
     "hil.records.methods": ("MethodRow", "Methods"),
     "hil.running.concluding": ("Interrupted",),
     "hil.wire.errors": ("WireError",),

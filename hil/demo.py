@@ -1,6 +1,6 @@
 """The whole bench once over, on a board with an effect that nobody told the host of: run, trace, add, run again.
 
-What the emulated board is started with comes from what this machine holds, measured first (`hil.running.rehearsal`).
+What the emulated board is started with comes from what this machine holds, measured first (`hil.running.started`).
 """
 
 import tempfile

@@ -13,7 +13,7 @@ from hil.bench.device import Device
 from hil.bench.field_units import FIELD_UNITS, other_keys
 from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter
 from hil.bench.rate_sensor import RateSensorBench
-from hil.bench.text import keys, meaning, others, sections
+from hil.bench.template import keys, meaning, others, sections
 from tools.markdown import keys_table, kind_of, table
 
 _OWN = (

@@ -10,7 +10,7 @@ from device_emulator.scenario import Board, Drive, Scenario, Truth
 from device_emulator.section import Section, both_axes
 from device_emulator.temperature import Temperature
 from device_emulator.trim import Trim
-from hil.bench.text import meaning
+from hil.bench.template import meaning
 from tools.markdown import keys_table, kind_of, table
 
 

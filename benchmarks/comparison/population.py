@@ -18,7 +18,7 @@ from hil.bench import Bench
 from hil.bench.examples import find
 from hil.comparing.methods import methods_on
 from hil.comparing.record import given
-from hil.library.arrays import write_capture
+from hil.library.given import write_capture
 from hil.records.methods import Methods
 from hil.records.truth import Truth
 

@@ -1,15 +1,17 @@
 """A bench file to start from: every key with its meaning, filled in as far as something is known."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hil.bench.bench import Bench
+from hil.bench.device import Device
 from hil.bench.field_units import other_keys
-from hil.bench.own import own_table
+from hil.bench.modes import Modes
+from hil.bench.own import Effects, own_table
 from hil.bench.section import Section
-from hil.bench.text import keys, meaning, others, sections
 from hil.records.units import unit_of
 from hil.toml.text import toml_key, toml_value
 
@@ -119,3 +121,33 @@ def values_of(bench: Bench) -> dict[str, dict[str, Any]]:
 
 def _remarked(line: str, remark: str) -> str:
     return f"{line.ljust(_COLUMN)}  # {remark}"
+
+
+def others(model: type[BaseModel]) -> Iterator[tuple[str, str]]:
+    """Keys that stand for more than another unit of a table's key, and what they mean."""
+    if model is Device:
+        for key, field in Modes.model_fields.items():
+            yield key, meaning(field)
+
+
+def sections(model: type[BaseModel], path: str = "") -> Iterator[tuple[str, type[Section]]]:
+    """Every table below ``model`` with its dotted name, in the order of the file."""
+    for name, field in model.model_fields.items():
+        if field.annotation is Effects:  # its tables have names of their own
+            continue
+        if isinstance(field.annotation, type) and issubclass(field.annotation, Section):
+            below = f"{path}.{name}" if path else name
+            yield below, field.annotation
+            yield from sections(field.annotation, below)
+
+
+def keys(model: type[BaseModel]) -> Iterator[tuple[str, FieldInfo]]:
+    """The keys of one table that are not tables themselves."""
+    for name, field in model.model_fields.items():
+        if not (isinstance(field.annotation, type) and issubclass(field.annotation, BaseModel)):
+            yield name, field
+
+
+def meaning(field: FieldInfo) -> str:
+    """A key's description on one line."""
+    return " ".join((field.description or "").split())

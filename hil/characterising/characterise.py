@@ -13,8 +13,7 @@ from estimator.characteristics.stretches import HARMONICS
 from estimator.side_by_side import one_blas_thread, side_by_side
 from hil.bench.angle_map import Calibrated, Harmonics, write_angle_map
 from hil.bench.data_sheet import AT_LEAST, FIGURES, SheetFigure
-from hil.characterising.figures import AT_REST, AxisFigures, figures_of
-from hil.characterising.missing import lasting
+from hil.characterising.figures import AT_REST, AxisFigures, figures_of, lasting
 from hil.characterising.page import write_report
 from hil.characterising.request import CharacteriseRequest
 from hil.characterising.source import Axis, axes_of, cuts_of

@@ -61,9 +61,9 @@ def identify(
     from hil.cli.progress import watching
     from hil.cli.show import print_json, say
     from hil.errors.exit_codes import ExitCode
+    from hil.identifying.findings import CALLED
     from hil.identifying.identify import identify as carry_out
     from hil.identifying.request import request_of, told
-    from hil.identifying.words import CALLED
     from hil.numbers import counted, plus_minus
 
     if accept:

@@ -124,8 +124,7 @@ def _write_plugin(kind: str, out: Path | None, *, replace: bool, as_json: bool) 
     """The template of a plug-in."""
     from hil.cli.show import print_json, say
     from hil.errors import InputError
-    from hil.plugins.finding import Kind
-    from hil.plugins.writing import write_template
+    from hil.plugins.finding import Kind, write_template
     from hil.records.kind import fresh
 
     kinds: dict[str, Kind] = {"observer": "observer", "controller": "controller"}

@@ -1,19 +1,25 @@
 """Every method on one record: its rows, its figure, its page."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 
+from estimator.characteristics.angle_map import pattern_angle
 from estimator.errors import ModelError
+from estimator.model.catalogue import model_for
+from estimator.rotation_bound import rotation_bound
+from estimator.scaling import Array
+from estimator.settings import Variant
 from hil.bench import Bench, override
 from hil.bench.by_verb import of_a_record, require_usable
+from hil.characterising.figures import figures_of
+from hil.characterising.source import Axis, Block
 from hil.comparing import prior_art
-from hil.comparing.board import board_course, loops_course
-from hil.comparing.bound import bound_of
-from hil.comparing.course import Judge, MethodCourse, Reference, reference_of
+from hil.comparing.course import DAMPING, STIFFNESS, Judge, MethodCourse, Reference, reference_of
 from hil.comparing.observers import (
     GAINS,
     STATES,
@@ -24,16 +30,15 @@ from hil.comparing.observers import (
     with_observer,
     without_effects,
 )
-from hil.comparing.own_loop import ADAPTIVE, own_runs, require_emulated
+from hil.comparing.own_loop import ADAPTIVE, board_course, loops_course, own_runs, require_emulated
 from hil.comparing.record import Given, given
-from hil.comparing.sheet import Pattern, pattern_of, sheet_of
 from hil.errors import InputError
-from hil.plugins.errors import PluginError
+from hil.plugins.protocol import PluginError
 from hil.progress import Progress, Watcher
 from hil.records.atomic import require_place
 from hil.records.capture import Capture
 from hil.records.diagnosis import Diagnosis
-from hil.records.methods import MethodRow, Methods, save_methods
+from hil.records.methods import MethodRow, Methods, SheetFigures, save_methods
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
@@ -41,6 +46,46 @@ from hil.running.run import new_folder
 from hil.scoring.score import require_reach, require_same_run, truth_in
 from hil.tracing.addition import additions
 from hil.tracing.traced import called
+
+Floats = npt.NDArray[np.float64]
+Pattern = Callable[[npt.NDArray[np.int64]], Floats]
+"""The pattern's angle θ (n,) in the device's frame at ticks (n,)."""
+
+_LEAST = 30
+
+
+def pattern_of(truth: Truth, stiffness_per_s2: float) -> Pattern:
+    """That of the true motion, between its rows straight."""
+    x, vx, y, vy = (np.asarray(truth[name], float) for name in ("x_m", "vx_mps", "y_m", "vy_mps"))
+    theta = 0.5 * np.unwrap(2.0 * pattern_angle(x, vx, y, vy, stiffness_per_s2))
+    return lambda tick: np.asarray(np.interp(tick, truth.tick, theta))
+
+
+def sheet_of(
+    course: MethodCourse, reference: Reference, pattern: Pattern | None, rate_Hz: float, from_s: float
+) -> SheetFigures:
+    """Value and 95 % interval by the figure's name, SI; nothing of an angle that is not finite, or too short."""
+    scored = course.tick >= from_s * rate_Hz
+    tick, angle = course.tick[scored], course.angle[scored]
+    if tick.size < _LEAST or not np.isfinite(angle).all():
+        return {}
+    every = int(np.median(np.diff(tick)))
+    seconds = np.diff(tick) / rate_Hz
+    true = np.diff(reference.at(tick)[0]) / seconds
+    theta = None if pattern is None or course.own_record else pattern(tick)
+    middle = None if theta is None else 0.5 * (theta[1:] + theta[:-1])
+
+    def blocks() -> Iterator[Block]:
+        yield Block(tick[1:] // every, np.diff(angle) / seconds, true, None, middle)
+
+    first, last = int(tick[1] // every), int(tick[-1] // every)
+    axis = Axis(course.name, rate_Hz / every, first, last + 1 - first, first, False, blocks)
+    found = figures_of([axis]).found
+    return {
+        name: (one.value, one.low, one.high)
+        for name, one in found.items()
+        if name != "start_up" and np.isfinite(one[:3]).all()
+    }
 
 
 @dataclass(frozen=True)
@@ -250,3 +295,56 @@ def _same(capture: Path, captured: Capture, truth: Truth, place: Path) -> list[s
     else:
         told = [f"{place}: whether it is the truth of {capture} cannot be told"]
     return told + require_reach(truth, place, captured)
+
+
+BOUND = "posterior Cramér–Rao bound"
+_MOTION = ("x_m", "vx_mps", "y_m", "vy_mps", "phi_x_V", "phi_y_V", "rate_rad_s")
+
+
+def bound_of(given: Given, truth: Truth) -> MethodRow:
+    """Least deviations, rms over the scored window, of 13 states under what the bench file declares of noise, random
+    walk and initial value; the angle's is that of its change since the start of the window.
+
+    Raises InputError where the truth lacks a sample of the record.
+    """
+    device, settings = given.device, replace(given.settings, variant=Variant.FULL, effects={})
+    every = given.bench.loop.estimate_every
+    rotation, deviation = rotation_bound(
+        device, settings, _states(given, truth), every=every, lost=np.isnan(given.sense)
+    )
+    tick = given.samples.tick[every - 1 :: every]
+    scored = tick / device.sample_rate >= given.scored_from_s
+    names = model_for(2)[1].names
+
+    def end(wanted: tuple[str, ...]) -> float:
+        return _rms(deviation[-1, [names.index(name) for name in wanted]])
+
+    constants = truth.constants
+    return MethodRow(
+        name=BOUND,
+        kind="bound",
+        record="this",
+        angle_error_rms_rad=_rms(rotation[scored]),
+        angle_error_max_rad=float(np.max(rotation[scored])),
+        rate_error_rms_rad_s=_rms(deviation[scored, names.index("rate")]),
+        stiffness_error=end(STIFFNESS) / device.target,
+        damping_error=end(DAMPING) / (0.5 * (constants["dxx_per_s"] + constants["dyy_per_s"])),
+        remark="under the declared noise and random walk of the rate",
+    )
+
+
+def _states(given: Given, truth: Truth) -> Array:
+    """True state vector at every sample (n, 13)."""
+    tick = given.samples.tick
+    ours, theirs = truth.at(tick)
+    if len(ours) != len(tick):
+        raise InputError("the truth lacks samples of the record, so there is no bound; give the truth of this run")
+    motion = np.column_stack([truth[name][theirs] for name in _MOTION])
+    constants = truth.constants
+    named = [f"{name}_per_s2" for name in STIFFNESS] + [f"{name}_per_s" for name in DAMPING]
+    each = [np.full(len(tick), constants[n]) if n in constants else truth[n][theirs] for n in named]
+    return np.column_stack([motion, *each])
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

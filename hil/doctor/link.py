@@ -1,21 +1,113 @@
 """One link: opened, asked, measured, judged."""
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from hil.boards.emulation import is_emulated, served
 from hil.doctor import ports
-from hil.doctor.capacity import Capacity, capacity, holds, rounded
 from hil.doctor.finding import Finding
 from hil.errors import InputError
 from hil.running import line_workers
+from hil.wire.can_format import ROOM
 from hil.wire.errors import WireError
 from hil.wire.link_name import CanInterface, SerialPort, parse_link
 from hil.wire.messages import Capabilities
+from hil.wire.spec import SPEC
+
+CORE = 0.5
+"""Share of one core that gain mode may take: the rest of it is for what a shared machine does now and then."""
+
+PATH = 1.2
+"""What a sample costs the host from the wire to the record, in what it costs the observer: 1.08 at 100 kS/s."""
+
+_ROW_BYTES = 8.0  # four codes of 16 bits
+_FRAMING = 1.08  # headers, checksums and stuffing of blocks of 250 rows
+_UART_BITS = 10.0
+# A CAN FD frame of 64 bytes: about 30 bits at the arbitration rate, 64 bytes with checksum and stuffing at the other.
+_ARBITRATION_BITS, _DATA_BITS = 30.0, 600.0
+
+
+LATENCIES = 1, 4
+"""Of boards in force mode of which it is told what rate they can have."""
+
+LARGEST_BLOCK = int(SPEC.registers["BLOCK"].maximum)
+
+
+class Capacity(NamedTuple):
+    """Rates in samples a second. `limit` says what the lower one depends on."""
+
+    force_Hz: float
+    force_limit: str
+    gain_Hz: float
+    gain_limit: str
+
+
+def holds(probed: dict[str, Any], held: Capacity) -> list[tuple[str, str, str]]:
+    """What the machine holds on that link, a row each: mode, setting of the board, and what it may be."""
+    tick, rate_Hz = probed["tick_us"], float(probed["identity"]["tick_rate_Hz"])
+    rows = []
+    answer_us = probed["round_trip_us"]["p99"] + tick["p99"]
+    core_Hz = CORE * 1e6 / (PATH * (probed["busy_us"] + tick["p50"]))
+    for latency in LATENCIES:
+        most = min(latency * 1e6 / answer_us, core_Hz)
+        setting = f"latency {latency} tick{'s' if latency > 1 else ''}"
+        rows.append(("force", setting, f"up to {rounded(most):g} Hz"))
+    rows.append(("gain", "any block", f"up to {rounded(held.gain_Hz):g} Hz"))
+    block = least_block(probed["round_trip_us"]["p99"], PATH * probed["block_us_per_row"], rate_Hz)
+    few = f"blocks of {block} samples or more" if block else "no block is long enough"
+    rows.append(("gain", f"{rate_Hz:g} Hz", few))
+    return rows
+
+
+def least_block(round_trip_us: float, row_us: float, rate_Hz: float) -> int | None:
+    """The smallest block within whose length a block comes, is observed at `row_us` a sample, and is answered; None
+    where none is.
+
+    >>> least_block(100.0, 4.0, 1e5), least_block(100.0, 11.0, 1e5)
+    (17, None)
+    """
+    spare_us = 1e6 / rate_Hz - row_us
+    block = math.ceil(round_trip_us / spare_us) if spare_us > 0.0 else LARGEST_BLOCK + 1
+    return block if block <= LARGEST_BLOCK else None
+
+
+def rounded(rate_Hz: float) -> float:
+    """Two significant digits, downward: nobody should plan with the rest."""
+    scale = 10.0 ** (len(str(int(rate_Hz))) - 2)
+    return int(rate_Hz / scale) * scale
+
+
+def capacity(
+    probed: dict[str, Any], *, baud: float | None = None, bit_rates: tuple[float, float] | None = None
+) -> Capacity:
+    """What `hil.doctor.probe` measured, on a UART of `baud`, or on CAN with (arbitration, data) `bit_rates`."""
+    tick, row = probed["tick_us"], probed["block_us_per_row"]
+    round_trip, own = probed["round_trip_us"]["p99"], tick["p99"]
+    latency = max(int(probed["identity"]["latency_ticks"]), 1)
+    force_Hz = latency * 1e6 / (round_trip + own)
+    force_limit = f"round trip {round_trip:.0f} µs and observer {own:.0f} µs, p99, within {latency} sample"
+    force_limit += "s" if latency > 1 else ""
+    gain_Hz = CORE * 1e6 / (PATH * row)
+    gain_limit = f"the observer takes {row:.2g} µs a sample, the host {PATH:g} times that, {CORE:.0%} of a core"
+    wire = wire_rate_Hz(baud, bit_rates)
+    if wire < gain_Hz:
+        gain_Hz, gain_limit = wire, "what the wire carries"
+    return Capacity(force_Hz, force_limit, gain_Hz, gain_limit)
+
+
+def wire_rate_Hz(baud: float | None, bit_rates: tuple[float, float] | None) -> float:
+    """Samples of four 16-bit codes a second that fit on the wire; infinite where it sets no limit."""
+    if baud is not None:
+        return baud / _UART_BITS / (_ROW_BYTES * _FRAMING)
+    if bit_rates is not None:
+        slow, fast = bit_rates
+        return (ROOM // _ROW_BYTES) / (_ARBITRATION_BITS / slow + _DATA_BITS / fast)
+    return math.inf
 
 
 def examine(link: str) -> tuple[list[Finding], dict[str, Any] | None]:

@@ -1,5 +1,8 @@
 """From a bench file to a folder of C for a board."""
 
+import shutil
+import subprocess
+import tempfile
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
@@ -7,19 +10,83 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from estimator.declared_loop import DeclaredLoop
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.bench.classic import CLASSIC
 from hil.errors import InputError
 from hil.generating.estimator_files import INTERFACE, decimal, files_of, filled
 from hil.generating.fmu import write_fmu
-from hil.generating.golden import Golden, golden
-from hil.generating.sizes import Sizes, sizes
 from hil.inputs.declared import board_device_of, controller_settings_of, drive_limit_of, observer_settings_of
 from hil.plugins.finding import Kind, called
 from hil.plugins.native import HEADER
 from hil.records.atomic import write_text
 from hil.wire.messages import Identity
+
+_TARGET = ("-mcpu=cortex-m7", "-mthumb", "-mfpu=fpv5-d16", "-mfloat-abi=hard")
+_COMPILER = "arm-none-eabi-gcc"
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Bytes on a Cortex-M7 at -O2: code with its constants, without the mathematical library; the struct."""
+
+    flash_bytes: int
+    struct_bytes: int
+
+
+def sizes(folder: Path) -> Sizes | None:
+    """Of gyro_estimator.c in a folder; None where the machine has no compiler for a Cortex-M7."""
+    if shutil.which(_COMPILER) is None:
+        return None
+    with tempfile.TemporaryDirectory() as place:
+        probe = Path(place) / "probe.c"
+        probe.write_text('#include "gyro_estimator.h"\nchar probe[sizeof(gyro_estimator)];\n', encoding="ascii")
+        told = {}
+        for name, source in (("code", folder / "gyro_estimator.c"), ("struct", probe)):
+            out = Path(place) / f"{name}.o"
+            command = [_COMPILER, *_TARGET, "-std=c99", "-O2", "-ffp-contract=off", f"-I{folder}", "-c", "-o"]
+            subprocess.run([*command, str(out), str(source)], check=True, capture_output=True)
+            line = subprocess.run(["arm-none-eabi-size", str(out)], check=True, capture_output=True, text=True).stdout
+            told[name] = [int(number) for number in line.splitlines()[1].split()[:3]]
+    return Sizes(sum(told["code"][:2]), told["struct"][2])
+
+
+@dataclass(frozen=True)
+class Golden:
+    """What was sensed and applied (n, 2), what the bench's observer answered (n, 2), in codes; its angle (n,) in rad;
+    its state and deviations after the last sample, SI, deviations of what is declared below 0; and samples without
+    drive at the start.
+    """
+
+    sense: NDArray[np.int32]
+    applied: NDArray[np.int32]
+    drive: NDArray[np.int32]
+    angle: NDArray[np.float64]
+    state: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+    quiet: int
+
+
+def golden(observer: Observer, samples: int, quiet: int) -> Golden:
+    """Close the loop about the device as declared, turning at 1 rad/s, for so many samples: the first without drive.
+
+    The device has none of the effects: its signal is what the vectors are made from, not what they test.
+    """
+    loop = DeclaredLoop(observer)
+    sense, applied, drive = (np.zeros((samples, 2), np.int32) for _ in range(3))
+    angle = np.zeros(samples)
+    for m in range(samples):
+        sense[m], applied[m] = loop.sample()
+        observer.enable_control(m >= quiet)
+        drive[m] = observer.tick(*map(float, sense[m]), *map(float, applied[m]))
+        loop.answer((int(drive[m, 0]), int(drive[m, 1])))
+        angle[m] = observer.newest["angle"]
+    state, deviation = observer.reading()
+    told = np.full(len(state), -1.0)
+    told[observer.estimated_index] = np.array(deviation)[observer.estimated_index]
+    return Golden(sense, applied, drive, angle, np.array(state), told, quiet)
+
 
 _SAMPLES = 2000
 _QUIET = 200

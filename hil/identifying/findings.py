@@ -79,3 +79,31 @@ def findings_of(found: Fitted, identity: Identity, limit_V: NDArray[np.float64],
     latency = identity.latency_ticks + round(constants["delay"].value)
     density = float(np.sqrt(2.0 * found.force / rate))
     return Findings(identity, found, constants, found.noise, density, latency, found.samples, limit_V, largest)
+
+
+CALLED = {
+    "kxx": "stiffness along x",
+    "kyy": "stiffness along y",
+    "kxy": "stiffness between x and y",
+    "dxx": "damping along x",
+    "dyy": "damping along y",
+    "dxy": "damping between x and y",
+    "rate": "rotation of the board",
+    "gain_x": "gain x, sense × drive",
+    "gain_y": "gain y, sense × drive",
+    "share_xy": "share of drive y that pushes x",
+    "share_yx": "share of drive x that pushes y",
+    "delay": "delay beside latency",
+    "offset_x": "sense offset x",
+    "offset_y": "sense offset y",
+    "resonance_1": "resonance 1, the higher",
+    "resonance_2": "resonance 2",
+    "split": "split of the resonances",
+    "azimuth": "axis of resonance 1, from x",
+    "decay_time_1": "shorter decay time",
+    "decay_time_2": "longer decay time",
+    "q_1": "Q of resonance 1",
+    "q_2": "Q of resonance 2",
+    "damping_azimuth": "axis of the shorter decay, from x",
+    "sense_gain_ratio": "gain y over gain x",
+}

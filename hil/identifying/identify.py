@@ -5,11 +5,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from estimator.identify.fit import Fitted, grown, innovations
-from estimator.identify.model import Array, Predictor
+from estimator.identify.fit import Fitted, fit, grown, innovations
+from estimator.identify.model import NAMES, Array, Piece, Predictor
 from estimator.identify.schedule import LENGTHS, Known, Table, measurement, search
 from estimator.identify.start import NoMotionError, start
 from hil.boards.emulation import is_emulated
@@ -19,8 +20,6 @@ from hil.identifying.advice import advice_of
 from hil.identifying.bench_file import bench_of, text_of
 from hil.identifying.faults import codes_of, faults_of
 from hil.identifying.findings import Findings, findings_of
-from hil.identifying.nonlinear import amplitude_dependence
-from hil.identifying.proposal import settings_of
 from hil.identifying.recording import (
     Experiment,
     Run,
@@ -34,6 +33,7 @@ from hil.identifying.recording import (
     sampled,
 )
 from hil.identifying.request import IdentifyRequest
+from hil.numbers import signed
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import Capture, read_capture
@@ -41,7 +41,7 @@ from hil.records.runfolder import RunFolder
 from hil.running.preflight import require_plausible
 from hil.running.run import run as run_apart
 from hil.wire.link_name import SerialPort, parse_link
-from hil.wire.messages import Identity
+from hil.wire.messages import Capabilities, Identity
 
 _BOLTZMANN = 1.380649e-23
 _SENSE, _DRIVE = 0.6, 0.9  # of a converter's range, where nothing else is told
@@ -231,3 +231,106 @@ def _held_open(link: str) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+_SURE = 4.0  # standard deviations of a difference
+_TOLD = {"kxx": "stiffness of x", "kyy": "stiffness of y", "dxx": "damping of x", "dyy": "damping of y"}
+_SMALL = ("small decay x", "small decay y")
+_LARGE = ("ring-down",)
+
+
+def amplitude_dependence(record: Sampled, table: Table, found: Fitted) -> Iterator[str]:
+    """A line for each constant that differs between the decays from small bursts and the ring-down, and by how much."""
+    small, large = ([_decay(record, table, name) for name in names] for names in (_SMALL, _LARGE))
+    if any(part is None for part in (*small, *large)):
+        return
+    free = [NAMES.index(name) for name in _TOLD]
+    values = []
+    for parts in (small, large):
+        try:
+            one = fit([part for part in parts if part is not None], found.theta, only=tuple(free), noise=found.noise)
+        except np.linalg.LinAlgError:
+            return
+        values.append((one.theta[free], np.diag(one.covariance)[free]))
+    difference = values[1][0] - values[0][0]
+    u = np.sqrt(values[0][1] + values[1][1] + 1e-300)
+    for name, by, of, spread in zip(_TOLD, difference, found.theta[free], u, strict=True):
+        if abs(by) > _SURE * spread:
+            yield (
+                f"{_TOLD[name]} differs by {signed(100.0 * by / of)} % (± {200.0 * spread / abs(of):.1g} %) between a "
+                "large and a small amplitude: hil trace names the effect"
+            )
+
+
+def _decay(record: Sampled, table: Table, name: str) -> Piece | None:
+    """The free motion behind a burst; None where samples are missing."""
+    rows = table.rows_of(name)
+    begin = int(np.flatnonzero(np.nan_to_num(record.drive).any(axis=1))[-1]) + 12 if name == "ring-down" else None
+    there = slice(rows.start + 40, min(rows.stop, len(record.sense)))
+    if begin is not None:
+        there = slice(max(begin, there.start), there.stop)
+    part = Piece(record.sense[there], record.drive[there])
+    whole = len(part.sense) > 500 and np.isfinite(part.sense).all() and not np.nan_to_num(part.drive).any()
+    return part if whole else None
+
+
+# In cycles of the vibration, as all of this scales with it.
+MEMORY, SETTLE, LENGTH, TURN = 400.0, 2000.0, 5500.0, 3000.0
+_SWING = 0.45  # of the limit of the sense voltages
+_HOLDING = 0.5  # of the drive, to make the springs alike and replace what damping takes
+_TURNING = 0.1  # of it, for the virtual rotation
+_DITHER = 0.04  # of it, rms
+_GAIN = 0.02
+_LEAST_STIFFNESS, _LEAST_DAMPING = 1e-5, 0.02
+_WIDER = 3.0  # than the uncertainty: what a temperature moves meanwhile
+
+
+def settings_of(found: Findings, amplitude_m: float | None) -> dict[str, dict[str, Any]]:
+    """By section of the bench file and key; SI per unit mass."""
+    omega, drive = found.omega, found.largest_mps2
+    hertz, rate = omega / (2.0 * np.pi), found.identity.tick_rate_Hz
+    amplitude = amplitude_of(found) if amplitude_m is None else amplitude_m
+    rotation = min(2.0 * np.pi * hertz / TURN, _TURNING * drive / (2.0 * omega * amplitude))
+    k, d = omega**2, 0.5 * (found.value("dxx") + found.value("dyy"))
+    stiffness = max(_WIDER * max(found.u(name) for name in ("kxx", "kyy", "kxy")) / k, _LEAST_STIFFNESS)
+    damping = max(_WIDER * max(found.u(name) for name in ("dxx", "dyy", "dxy")) / d, _LEAST_DAMPING)
+    force = max(found.force_mps2_per_rtHz, 1e-12 * k * amplitude / np.sqrt(hertz))
+    in_blocks = Capabilities.LOCKSTEP not in Capabilities(found.identity.capabilities)
+    every = max(round(rate / hertz), 1)
+    return {
+        "device": {"amplitude_m": amplitude},
+        "loop": {
+            "mode": "gain"
+            if in_blocks and Capabilities.GAIN_MODE in Capabilities(found.identity.capabilities)
+            else "force",
+            "clock": "real" if in_blocks else "lockstep",
+            "duration_s": LENGTH / hertz,
+            "settle_s": SETTLE / hertz,
+            "estimate_every": every,
+        },
+        "observer": {"memory_s": MEMORY / hertz, "acquisition_s": 20.0 / hertz},
+        "observer.initial_sd": {"stiffness": stiffness, "damping": damping, "rate_rad_s": 2.0},
+        "observer.process_noise": {
+            "force_mps2_per_rtHz": float(force),
+            "rate_rad_s_per_rts": float(0.05 * np.sqrt(hertz / 200.0)),
+        },
+        "controller": {
+            "energy_gain": _GAIN,
+            "quadrature_gain": _GAIN,
+            "virtual_rotation_rad_s": float(rotation),
+            "dither_mps2": _DITHER * drive,
+            "force_limit_mps2": drive,
+        },
+    }
+
+
+def amplitude_of(found: Findings) -> float:
+    """Where neither the sense voltages nor the drive that holds it come near their ends."""
+    swing = min(
+        (_SWING * limit - abs(found.value(f"offset_{axis}"))) / abs(found.value(f"gain_{axis}"))
+        for axis, limit in zip("xy", found.limit_V, strict=True)
+    )
+    k = found.omega**2
+    uneven = max(abs(found.value("kxx") - k), abs(found.value("kyy") - k)) + abs(found.value("kxy"))
+    damped = found.omega * max(found.value("dxx"), found.value("dyy"), 0.0)
+    return float(min(swing, _HOLDING * found.largest_mps2 / max(uneven + damped, 1e-300)))

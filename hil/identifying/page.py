@@ -10,10 +10,9 @@ from estimator.identify.fit import innovations
 from estimator.identify.model import Predictor, physical
 from estimator.spans import spans
 from hil.identifying.bench_file import text_of
-from hil.identifying.findings import Findings
+from hil.identifying.findings import CALLED, Findings
 from hil.identifying.recording import Sampled
 from hil.identifying.request import IdentifyRequest
-from hil.identifying.words import CALLED
 from hil.numbers import counted, plus_minus, significant
 from hil.records.atomic import write_text
 from hil.report import markup

@@ -1,25 +1,31 @@
 """A log of CAN frames (candump, BLF, ASC, MF4, TRC) by a DBC: every rate in it on the time of one of them."""
 
 import gc
+import math
+import re
 import sys
 import traceback
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from datetime import UTC, datetime
+from itertools import combinations
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.importing.can_text import is_text_of_frames, text_frames
 from hil.importing.columns import write_columns
-from hil.importing.scale_slips import slips
 from hil.records.capture import Capture, read_capture
 from hil.records.layout import Column
 from hil.records.rates import rates_layout
 from hil.sensors.can_decoder import CanDecoder, declared_decoder
 from hil.sensors.dbc_file import load_dbc
 from hil.sensors.declared import can_protocols
+
+if TYPE_CHECKING:
+    import can
+
 
 _MAGIC = {b"LOGG": ".blf", b"MDF ": ".mf4"}
 _MDF_HEADER = 168  # bytes: identification and header block
@@ -201,3 +207,113 @@ def _nothing(log: Log, decoder: CanDecoder, dbc: str) -> str:
         shown = ", ".join(f"0x{one:X}" for one in sorted(decoder.unknown)[:6])
         return f"none of its {log.frames} frames is in {dbc}; its identifiers are {shown}"
     return f"no angular rate of {dbc} in it, by the unit of its signals"
+
+
+_SLIPS = {
+    0.5: "half: one bit of the step, or two samples for one",
+    2.0: "double: one bit of the step, or a rate for a step of half a second",
+    0.25: "a quarter: two bits of the step",
+    4.0: "four times: two bits of the step",
+    math.pi / 180.0: "π/180: rad/s that are called deg/s",
+    180.0 / math.pi: "180/π: deg/s that are called rad/s",
+    -1.0: "the sign: an axis the other way about",
+}
+_NEAR, _ALIKE = 0.04, 0.9
+"""How near a ratio is, and from which correlation on two channels are taken for one rate."""
+_STILL = 1e-12
+"""Of a rate: what it varies by less is rounding."""
+
+
+def slips(rates: Mapping[str, npt.NDArray[np.float64]], reference: str | None) -> Iterator[str]:
+    """A line for each pair of rates (n,) in rad/s on one time that differ by a known factor; against the reference
+    alone, where there is one.
+    """
+    pairs = combinations(rates, 2) if reference is None else ((reference, name) for name in rates if name != reference)
+    for first, second in pairs:
+        a, b = rates[first] - rates[first].mean(), rates[second] - rates[second].mean()
+        size_a, size_b = float(np.std(a)), float(np.std(b))
+        still = any(size <= _STILL * np.abs(rates[name]).max() for name, size in ((first, size_a), (second, size_b)))
+        if still or abs(likeness := float(np.mean(a * b)) / (size_a * size_b)) < _ALIKE:
+            continue
+        ratio = math.copysign(size_b / size_a, likeness)
+        for factor, words in _SLIPS.items():
+            if abs(ratio / factor - 1.0) <= _NEAR:
+                whose = "the reference" if reference is not None else "one of the two scales is off"
+                yield f"{second} is {ratio:.4g} times {first}: {words} ({whose})"
+
+
+_LOG = re.compile(r"\s*\((\d+\.\d+)\)\s+\S+\s+([0-9A-Fa-f]{3,8})#(#[0-9A-Fa-f])?((?:[0-9A-Fa-f]{2}\.?)*)")
+_SCREEN = re.compile(
+    r"\s*(?:\(([^)]*)\)\s+)?\w+\s+(?:[TR]X [-BE ]+\s+)?([0-9A-Fa-f]{3,8})\s+\[(\d+)\]\s+((?:[0-9A-Fa-f]{2}\s*)*)"
+)
+_CANBOAT = re.compile(
+    r"(\d{4}-\d\d-\d\d)[T-](\d\d:\d\d:\d\d[.\d]*)Z?,(\d+),(\d+),(\d+),(\d+),\d+((?:,[0-9A-Fa-f]{2})+)"
+)
+_GATEWAY = re.compile(r"(\d\d):(\d\d):(\d\d\.\d+) [RT] ([0-9A-Fa-f]{8})((?: [0-9A-Fa-f]{2})+)")
+_STANDARD = 3  # hexadecimal digits of an identifier of 11 bits
+_TRIED = 200  # lines that say whether it is such a text
+_UNTIMED = "times are missing; record with candump -l, or with -ta on the screen"
+
+
+def text_frames(path: Path) -> "Iterator[can.Message]":
+    """The frames of a text; lines that are none, such as comments, are left out. Raises InputError where none is, and
+    where they have no times.
+    """
+    found = 0
+    with path.open(encoding="utf-8", errors="replace") as lines:
+        for number, line in enumerate(lines, 1):
+            frame = _frame(line, f"{path}: line {number}")
+            if frame is not None:
+                found += 1
+                yield frame
+            elif not found and number > _TRIED:
+                break
+    if not found:
+        raise InputError(f"{path}: no frame in it that candump, canboat or a logger writes; give a log that holds some")
+
+
+def is_text_of_frames(start: str) -> bool:
+    """Whether the beginning of a text has such a line."""
+    lines = start.splitlines()
+    return any(
+        _LOG.match(line) or _CANBOAT.match(line) or _GATEWAY.match(line) or (_SCREEN.match(line) and "[" in line)
+        for line in lines
+    )
+
+
+def _frame(line: str, where: str) -> "can.Message | None":
+    if (log := _LOG.match(line)) is not None:
+        time, identifier, fd, data = log.groups()
+        return _message(float(time), identifier, data.replace(".", ""), is_fd=fd is not None)
+    if (raw := _CANBOAT.match(line)) is not None:
+        day, time, priority, pgn, source, target, data = raw.groups()
+        number = int(pgn) | (int(target) & 0xFF if int(pgn) >> 8 & 0xFF < 240 else 0)
+        payload = bytes.fromhex(data.replace(",", ""))
+        return _made(
+            timestamp=datetime.fromisoformat(f"{day}T{time}").replace(tzinfo=UTC).timestamp(),
+            arbitration_id=(int(priority) & 7) << 26 | number << 8 | int(source) & 0xFF, data=payload,
+            is_fd=len(payload) > 8,
+        )  # fmt: skip
+    if (gateway := _GATEWAY.match(line)) is not None:
+        hours, minutes, seconds, identifier, data = gateway.groups()
+        return _message(3600.0 * int(hours) + 60.0 * int(minutes) + float(seconds), identifier, data)
+    if (screen := _SCREEN.match(line)) is not None:
+        time, identifier, length, data = screen.groups()
+        if int(length) == len(bytes.fromhex(data)):
+            try:
+                return _message(float(time), identifier, data)
+            except (TypeError, ValueError):
+                raise InputError(f"{where}: {_UNTIMED}") from None
+    return None
+
+
+def _message(stamp: float, identifier: str, data: str, *, is_fd: bool = False) -> "can.Message":
+    is_extended = len(identifier) > _STANDARD
+    return _made(timestamp=stamp, arbitration_id=int(identifier, 16), is_extended_id=is_extended,
+                 data=bytes.fromhex(data), is_fd=is_fd)  # fmt: skip
+
+
+def _made(**said: Any) -> "can.Message":
+    from can import Message  # with its readers of logs, which take long to load
+
+    return Message(**said, check=False)

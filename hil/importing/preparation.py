@@ -1,4 +1,10 @@
-"""From the channels of a map to those of a capture: a base becomes a force, the filter runs, and both are told."""
+"""From the channels of a map to those of a capture: a base becomes a force, the filter runs, and both are told.
+
+A base that moves: its displacement, velocity or acceleration as the force that it is on the mass.
+
+Beside its base a mass feels −a of the base as a force per unit mass.  What is not an acceleration is differentiated, by
+a spline of degree 7 through the samples.
+"""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -6,7 +12,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hil.importing.base_motion import FEWEST, Base
 from hil.importing.channels import OWN, SENSED
 from hil.importing.mapping import RecordMap
 from hil.importing.uniformity import Numbered
@@ -121,3 +126,39 @@ def _told(mapping: RecordMap, rate_Hz: float, after_Hz: float, drop: int, gain: 
     parts.append(f"{drop / rate_Hz:.3g} s left out at each end")
     parts.append(f"of white noise {gain:.1%} is left: the noise floor is that behind it")
     return "; ".join(parts)
+
+
+_DEGREE = 7
+FEWEST = _DEGREE + 1
+"""Rows that a derivative takes at least."""
+
+
+class Base:
+    """Motion of a base at times t_s (n,), given as its `order`-th derivative by time, SI."""
+
+    def __init__(self, t_s: Floats, values: Floats, order: int) -> None:
+        self._t_s, self._values, self._order = t_s, values, order
+        self._spline: Any = None
+
+    def derivative(self, order: int) -> Floats:
+        """The base's displacement (0), velocity (1) or acceleration (2) at its times.
+
+        Raises ValueError where that would be an integral, whose constant nobody knows.
+        """
+        if order < self._order:
+            raise ValueError("it would be an integral")
+        if order == self._order:
+            return self._values
+        if self._spline is None:
+            from scipy.interpolate import make_interp_spline  # where it is asked for: it takes a while to load
+
+            middle = self._t_s - self._t_s[0]
+            spline = make_interp_spline(middle, self._values, k=_DEGREE)
+            self._spline = (spline, middle)
+        spline, middle = self._spline
+        return np.asarray(spline.derivative(order - self._order)(middle), dtype=float)
+
+    @property
+    def force_mps2(self) -> Floats:
+        """Force per unit mass on what rides on it, m/s²."""
+        return -self.derivative(2)

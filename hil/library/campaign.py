@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 
     from hil.sweeping.baseline import Change
     from hil.sweeping.dependence import Dependence
+    from hil.sweeping.ensemble import Worst
     from hil.sweeping.request import CampaignRequest
-    from hil.sweeping.worst import Worst
 
 
 class Sweep:
@@ -53,7 +53,7 @@ class Sweep:
     @cached_property
     def worst(self) -> "list[Worst]":
         """The runs that came out worst, each with the command that makes it again."""
-        from hil.sweeping.worst import worst_of
+        from hil.sweeping.ensemble import worst_of
 
         report = self._plan.campaign.report
         return worst_of(self.table, report.figure, report.worst, self._plan.called)

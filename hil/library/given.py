@@ -4,22 +4,91 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy.typing as npt
 
 from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench.examples import bench_file
 from hil.errors import InputError
+from hil.importing.array_source import ArraySource
+from hil.importing.demodulated import carrier_of
+from hil.importing.importer import import_from, require_keys_act
+from hil.importing.mapping import read_map
 from hil.importing.options import ImportOptions
+from hil.importing.record_time import Remedies
 from hil.importing.request import map_of, require_hold
-from hil.library.arrays import CALLED, Table, columns_of, write_capture
 from hil.library.finished_run import Run
-from hil.library.places import folder_of
+from hil.library.loading import folder_of
 from hil.library.series import Series
 from hil.options import chosen
+from hil.records.capture import Hold
 from hil.records.runfolder import bench_of_record
 from hil.verdict.next_step import PASSING
+
+CALLED = "the arrays given"
+_REMEDIES = Remedies(
+    uneven="give nonuniform=True if the record is meant so",
+    gaps="give nonuniform=True to keep them as gaps",
+    rate="beside t_s in a map given as mapping=",
+    sort="sort the rows",
+    column="t_s",
+    apart="give what lies before and behind by itself",
+)
+
+
+class Table(Protocol):
+    """Columns by name: a Series, a frame of pandas, a table of pyarrow."""
+
+    @property
+    def columns(self) -> Any:
+        """Their names, or in pyarrow themselves."""
+
+    def __getitem__(self, name: Any, /) -> Any: ...
+
+
+def columns_of(record: Any) -> dict[str, npt.ArrayLike] | None:
+    """The arrays of a record by name: of a mapping, a Series, or a table of pandas or pyarrow, whose time may be the
+    index; None where it is none of them.
+    """
+    if isinstance(record, Series):
+        return {"t_s": record.t_s, **{name: record[name] for name in record}}
+    if isinstance(record, Mapping):
+        names = list(record)
+    elif hasattr(record, "columns"):
+        if getattr(getattr(record, "index", None), "name", None) == "t_s":
+            record = record.reset_index()
+        names = list(getattr(record, "column_names", record.columns))
+    else:
+        return None
+    return {str(name): record[name] for name in names}
+
+
+def write_capture(
+    columns: Mapping[str, npt.ArrayLike],
+    target: Path,
+    *,
+    hold: Hold | None = None,
+    nonuniform: bool = False,
+    map_file: Path | None = None,
+    demodulated: str | None = None,
+) -> None:
+    """Write the capture of `columns`, (n,) each, by the map at `map_file`, or by their names in an interchange CSV:
+    t_s, vx_V, vy_V, ux_mps2 and uy_mps2 (or _V, _N), and optionally rate_rad_s and temp_C; a single axis leaves out y.
+    demodulated: as `hil import --demodulated`.
+
+    Time may be datetime64, timedelta64 or ISO 8601 text too, and is even unless `nonuniform`.  Raises InputError that
+    names the column.
+    """
+    mapping = None if map_file is None else read_map(map_file)
+    if mapping is not None:
+        require_keys_act(mapping, ArraySource.kind, CALLED, map_file)
+    source = ArraySource(columns, CALLED)
+    import_from(
+        source, target, mapping, map_file=map_file, hold=hold, nonuniform=nonuniform, remedies=_REMEDIES,
+        carrier=carrier_of(demodulated),
+    )  # fmt: skip
+
 
 AnyBench = Bench | RateSensorBench | Path | str
 Record = Run | Path | str | Mapping[str, npt.ArrayLike] | Table

@@ -19,8 +19,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.library.as_series import ANGLE, RATE, chosen, of_capture, of_estimates, of_innovation
-from hil.library.finished_run import Run
+from hil.library.finished_run import ANGLE, RATE, Run, chosen, of_capture, of_estimates, of_innovation
 from hil.library.series import Series
 from hil.library.words import in_arguments_of
 from hil.progress import Watcher

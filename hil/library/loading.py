@@ -1,14 +1,14 @@
 """What is there already is opened at once: neither estimator nor bench files are loaded for it."""
 
 from pathlib import Path
+from typing import Any
 
 from hil.errors import InputError
 from hil.errors.arguments import path_of
 from hil.library.finished_run import Run
-from hil.library.places import folder_of
 from hil.library.tracing import Trace
 from hil.library.words import said_of_arguments
-from hil.records.listing import named_trace
+from hil.records.listing import named, named_trace
 from hil.records.runfolder import RunFolder
 
 
@@ -33,3 +33,8 @@ def load_trace(trace: Trace | Path | str) -> Trace:
             raise InputError(f"{folder}: a run, no trace; hil.load opens it, hil.trace traces it")
         raise InputError(f"{folder}: no trace; give the folder that hil trace made")
     return Trace(folder, load_diagnosis(folder / "diagnosis.json"))
+
+
+def folder_of(argument: str, given: Any, wanted: str = "a Run, a Trace or the path of its folder") -> Path:
+    """Where a run or a trace is kept; also a record file, by its path.  Raises InputError for anything else."""
+    return given.path if isinstance(given, Run | Trace) else named(path_of(argument, given, wanted))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from hil.library.finished_run import Run
 from hil.library.given import several
-from hil.library.places import folder_of
+from hil.library.loading import folder_of
 from hil.progress import Watcher
 from hil.records.data_sheet import DataSheet, SheetRow
 

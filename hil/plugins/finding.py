@@ -13,6 +13,7 @@ The entry point leads to a class, or to the `pathlib.Path` of a library.
 import sys
 from collections.abc import Callable
 from importlib.metadata import entry_points
+from importlib.resources import files
 from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
 from typing import Any, Literal
@@ -21,6 +22,8 @@ from hil.bench import Bench
 from hil.bench.classic import PLUGIN
 from hil.errors import InputError
 from hil.errors.package import loaded
+from hil.plugins.native import HEADER
+from hil.records.atomic import write_text
 from hil.toml.reading import suggestion
 
 Kind = Literal["observer", "controller"]
@@ -28,7 +31,7 @@ SHIPPED = {name: Path(__file__).with_name("native") / f"lib{name}.so.1" for name
 """Plug-ins that come with the bench."""
 GROUPS: dict[Kind, str] = {"observer": "hil.observers", "controller": "hil.controllers"}
 TABLE = ".npz"
-"""How the name of a drive table ends (`hil.plugins.drive_table`)."""
+"""How the name of a drive table ends (`hil.plugins.of_bench`)."""
 METHODS: dict[Kind, str] = {"observer": "observe", "controller": "control"}
 _WORDS = 200
 
@@ -122,3 +125,21 @@ def said(error: BaseException) -> str:
             place = f", {Path(code.co_filename).name} line {trace.tb_lineno}"
         trace = trace.tb_next
     return f"{type(error).__name__}{f': {words}' if words else ''}{place}"
+
+
+_CLASSES: dict[Kind, str] = {"observer": "MyObserver", "controller": "MyController"}
+
+
+def write_template(kind: Kind, out: Path) -> tuple[list[Path], str]:
+    """Write one into `out`, in Python or C by its ending, in C with the header beside it; the files, and the name by
+    which a bench file has it.  Raises InputError for another ending.
+    """
+    if out.suffix not in (".py", ".c"):
+        raise InputError(f"--out {out}: the name of a plug-in ends with .py or .c")
+    text = files("hil.plugins").joinpath("templates", f"{kind}{out.suffix}").read_text("utf-8")
+    write_text(out, text.replace(f"{kind}{out.suffix}", out.name).replace(f"{kind}.so", f"{out.stem}.so"))
+    if out.suffix == ".py":
+        return [out], f"{out.name}:{_CLASSES[kind]}"
+    header = out.with_name(HEADER.name)
+    write_text(header, HEADER.read_text("ascii"))
+    return [out, header], f"{out.stem}.so"

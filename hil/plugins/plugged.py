@@ -24,11 +24,10 @@ from estimator.trims import Electrode
 from hil.errors import InputError
 from hil.numbers import with_and
 from hil.plugins import native
-from hil.plugins.errors import PluginError
 from hil.plugins.finding import METHODS
 from hil.plugins.native import Fault, Part, PluginState
 from hil.plugins.parts import Named, PluginPart, fault_words
-from hil.plugins.protocol import DeclaredDevice
+from hil.plugins.protocol import DeclaredDevice, PluginError
 
 _MOST_GROWTH = 1 << 29  # bytes that a run's process may take more than it had when it began
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from estimator.settings import ControllerSettings, Device
+from hil.wire.errors import WireError
 
 Pair = tuple[float, float]
 _UNSAID = (math.nan, math.nan)
@@ -152,3 +153,10 @@ class Controller(Protocol):
     def control(self, estimate: Estimate, on: bool) -> Drive | Sequence[float]:
         """The drive: a `Drive`, or two numbers, within drive_limit_mps2.  on: whether it will be applied."""
         ...
+
+
+class PluginError(WireError):
+    """A plug-in did what it must not: raised, said what is no number, drove beyond the limit, took too long.
+
+    The message is one line that names it.
+    """

@@ -3,7 +3,7 @@
 The loop neither waits for an answer nor looks for one: answers come between samples, and the endpoint notes when they
 came. One that comes by itself is followed by a second question at once: the first may have waited for the board to be
 done with something, most of all with what it does when the host has spoken, and the second will not. What follows from
-the answers is worked out after the run (`hil.records.clock_fit`).
+the answers is worked out after the run (`hil.records.clock`).
 """
 
 import time

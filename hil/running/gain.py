@@ -1,11 +1,17 @@
 """Gain mode: the board closes the loop with a matrix, the host estimates blocks of samples and sends the next matrix.
 
 A gap in the samples is bridged by what the board must have done.
+
+Every matrix that was sent in gain mode since ARM, and which of them a SENSE may name.
+
+A host that is late hears of a matrix long after it was sent: so the list is complete, however far the host lags.
+docs/wire.md, "What a host does", has the rule; native/matrices.h judges by it.
 """
 
 import ctypes
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +20,7 @@ from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix
 from hil.inputs.declared import board_dither_of, board_filter_of
 from hil.running.blocks import BlockLoop
-from hil.running.matrices import SentMatrices
-from hil.running.native import LIBRARY, GainsState, Mode
+from hil.running.native import LIBRARY, NONE, GainsState, MatricesState, Mode
 from hil.running.skeleton import Setup
 from hil.running.turn import address_of
 from hil.wire.messages import DriveGains, SafeReason
@@ -84,3 +89,79 @@ class GainLoop(BlockLoop):
         """As of any loop; what is still to be seen of the last matrices is not."""
         super().finish(reason)
         self._leave_open()
+
+
+NAMES = 255  # 1 to 255, given again and again
+_UNNAMED, _UNSENT = 1, 2  # of what is odd
+_ROOM = 1 << 12
+
+
+class SentMatrices:
+    """The k-th matrix since the start, from 0, is called k % 255 + 1.
+
+    A board switches in the order in which matrices arrive, and computes with one from its effective tick on.  So what
+    SENSE names must be one that was sent since ARM, not before the one in force, with an effective tick that has come.
+
+    Attributes:
+        state: what is known, for the turn in C.
+    """
+
+    def __init__(self, block: int) -> None:
+        self.state = MatricesState(block=block, in_force=NONE)
+        self._effective = np.zeros(0, np.int64)  # first tick that each is meant for
+        self.make_room()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return self.__dict__
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        self.__dict__.update(kept)
+        self.state.effective = self._effective.ctypes.data
+
+    def make_room(self) -> None:
+        """Have room for at least one more."""
+        if self.state.count == len(self._effective):
+            self._effective = np.concatenate([self._effective, np.zeros(max(_ROOM, self.state.count), np.int64)])
+            self.state.effective, self.state.room = self._effective.ctypes.data, len(self._effective)
+
+    def sent(self, effective_tick: int) -> None:
+        """The next one has left, for ticks from `effective_tick` on."""
+        self.make_room()
+        LIBRARY.matrices_sent(ctypes.byref(self.state), effective_tick)
+
+    def forget(self) -> None:
+        """The board was armed again: it has forgotten what was sent before."""
+        LIBRARY.matrices_forget(ctypes.byref(self.state))
+
+    def named(self, name: int, first: int, last: int) -> str:
+        """SENSE with rows from tick `first` to `last` names a matrix; in words what is wrong with one a block before,
+        "" if nothing is.
+
+        The block in which a board stops by itself names none, and STATUS may come after it: so what cannot be is held
+        against the board only with the next block.  On CAN a block comes in several SENSE, each with its name.
+        """
+        return self.odd if LIBRARY.matrices_named(ctypes.byref(self.state), name, first, last) else ""
+
+    @property
+    def odd(self) -> str:
+        """In words what is wrong with a SENSE, "" if nothing is."""
+        state = self.state
+        if not state.odd:
+            return ""
+        if state.odd == _UNNAMED:
+            told = f"names no matrix; {state.in_force % NAMES + 1} was in force"
+        elif state.odd == _UNSENT:
+            told = f"names matrix {state.odd_name}; {self._told()}"
+        else:
+            told = f"names matrix {state.odd_name}, which is for tick {state.odd_effective} and later"
+        return f"SENSE of tick {state.odd_tick} {told}"
+
+    def _told(self) -> str:
+        """What could have been in force."""
+        state = self.state
+        begin, count = state.odd_begin, state.odd_count - state.odd_begin
+        if not count:
+            return "none was sent since ARM"
+        first, last = begin % NAMES + 1, (state.odd_count - 1) % NAMES + 1
+        since = "since ARM" if state.in_force == NONE else f"from matrix {first}, which was in force, on"
+        return f"{count} were sent {since}, the last is {last}"

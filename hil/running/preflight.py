@@ -2,7 +2,7 @@
 
 `require_plausible` looks at IDENTITY alone, `require_suitable` at it beside the bench file, `configure` writes the
 registers and reads them back, `require_clock` asks the board for its time.  What only samples tell is in
-`hil.running.levels`.
+`hil.running.opening`.
 """
 
 import math

@@ -24,8 +24,7 @@ from hil.records.attitude import (
     write_attitude,
 )
 from hil.records.runfolder import RunFolder
-from hil.running.attitude import Together, together
-from hil.running.attitude_live import LiveAttitude
+from hil.running.attitude_live import LiveAttitude, Together, together
 from hil.running.concluding import Interrupted
 from hil.running.options import RunOptions
 from hil.running.request import RunRequest, request_of

@@ -12,11 +12,10 @@ from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.inputs.formula import formula_of
 from hil.plugins.plugged import Plugged
-from hil.records.board_estimates import board_estimates_layout
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
 from hil.records.covariance import covariance_layout, packed
-from hil.records.estimates import estimates_layout
+from hil.records.estimates import board_estimates_layout, estimates_layout
 from hil.records.innovation import innovation_layout
 from hil.records.layout import Layout
 from hil.records.timing import ledger_layout, timing_layout

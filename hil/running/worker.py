@@ -130,8 +130,7 @@ def _try_plugins(bench: Bench, identity: Identity, tell: Say, *, own_process: bo
     """
     if bench.observer.plugin is None and bench.controller.plugin is None:
         return []
-    from hil.plugins.trial import tried
-    from hil.plugins.watching import watch
+    from hil.plugins.trial import tried, watch
 
     tell(stage="prepare", done=0, total=0, note="the plug-ins are tried")
     if own_process:

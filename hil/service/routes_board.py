@@ -14,7 +14,7 @@ from hil.service.board import part
 from hil.service.board.lease import LONGEST_S
 from hil.service.board.part import BoardPart
 from hil.service.problems import Problem
-from hil.service.security.roles import Role
+from hil.service.security.tokens import Role
 from hil.service.service import Service, holder_of, service_of
 
 router = APIRouter(tags=["board"])

@@ -20,8 +20,7 @@ from hil.running.options import FileOptions
 from hil.service.app import make_app
 from hil.service.security.audit import Audit
 from hil.service.security.hosts import Hosts
-from hil.service.security.roles import Role
-from hil.service.security.tokens import Holder, Tokens
+from hil.service.security.tokens import Holder, Role, Tokens
 from hil.service.service import PRIVATE, Service
 from hil.wire.link_name import parse_link
 from hil.wire.regular_file import require_regular

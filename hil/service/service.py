@@ -8,12 +8,31 @@ from typing import Any, cast
 from fastapi import Request
 
 from hil.running.options import FileOptions
-from hil.service.live_messages import LiveMessages
 from hil.service.security.audit import Audit
 from hil.service.security.hosts import Hosts
-from hil.service.security.tickets import Tickets
-from hil.service.security.tokens import Holder, Tokens
+from hil.service.security.tokens import Holder, Tickets, Tokens
 from hil.wire.link_name import LinkName
+
+Listener = Callable[[dict[str, Any]], None]
+
+
+class LiveMessages:
+    """Call it with a message; each listener gets it, and must not wait.  To be called in the service's event loop, from
+    another thread by `loop.call_soon_threadsafe`.
+    """
+
+    def __init__(self) -> None:
+        self._listeners: set[Listener] = set()
+
+    def __call__(self, message: dict[str, Any]) -> None:
+        for listener in list(self._listeners):
+            listener(message)
+
+    def add(self, listener: Listener) -> Callable[[], None]:
+        """Have `listener` told from now on, until what is returned is called."""
+        self._listeners.add(listener)
+        return lambda: self._listeners.discard(listener)
+
 
 PRIVATE = ".service"
 """Folder beside the runs in which the service keeps what is its own."""

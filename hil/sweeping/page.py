@@ -15,9 +15,8 @@ from hil.report.numbering import Figures
 from hil.report.verdict import Headline
 from hil.sweeping import figures, pictures
 from hil.sweeping.dependence import Dependence, dependence
-from hil.sweeping.ensemble import Knows, Ratio, column, knows, over_bound
+from hil.sweeping.ensemble import Knows, Ratio, Worst, column, knows, over_bound, worst_of
 from hil.sweeping.plan import Plan
-from hil.sweeping.worst import Worst, worst_of
 
 if TYPE_CHECKING:
     import pyarrow

@@ -10,10 +10,13 @@ from numpy.typing import NDArray
 from estimator import diagnosis as traced
 from estimator.correlation import autocorrelation
 from estimator.diagnosis import Diagnosis, Finding, Fit, Verdict
+from estimator.envelope.record import Envelope
+from estimator.errors import ModelError
 from estimator.residual.whiteness import portmanteau
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.inputs.captured import samples_of
+from hil.inputs.declared import resonator_of
 from hil.plugins.of_bench import recorded_observer
 from hil.records.capture import Capture
 
@@ -66,3 +69,25 @@ def _fit(left: NDArray[np.float64], spread: NDArray[np.float64]) -> Fit:
     rms, floor = np.sqrt(np.mean(left**2, axis=0)), np.sqrt(np.mean(spread**2, axis=0))
     white = portmanteau(left / spread, _LAGS).p
     return Fit(tuple(rms), tuple(floor), float(np.sqrt(np.mean((left / spread) ** 2))), white)
+
+
+def trace_ring_down(place: Path, captured: Capture, bench: Bench, split: int | None) -> tuple[Envelope, Diagnosis]:
+    """The record at `place` as an envelope, and what linear damping lacks on it.
+
+    split: the first row that is held out; None: blocks are, by turns.  Raises InputError for a record that is none of a
+    ring-down's amplitude, or too short.
+    """
+    from estimator.envelope.trace import by_turns, trace_envelope  # SymPy
+
+    if captured.has_drive and np.any(captured.drive):
+        raise InputError(f"{place}: a drive beside an envelope; an envelope is that of a free ring-down, leave it out")
+    if captured.noise_gain != 1.0:
+        raise InputError(f"{place}: an envelope behind a filter of its map; leave out [filter]")
+    try:
+        envelope = Envelope(
+            np.asarray(captured.t_s - captured.t_s[0]), captured.sense_V[:, 0], bench.device.sense.is_in_decibels
+        )
+        fitting = by_turns(len(captured)) if split is None else np.arange(len(captured)) < split
+        return envelope, trace_envelope(envelope, resonator_of(bench), fitting)
+    except ModelError as error:
+        raise InputError(f"{place}: {error}") from None

@@ -93,7 +93,7 @@ def trace_pool_files(request: TraceRequest, bench: Bench, out: Path, progress: W
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)
     if request.report:
-        from hil.report.diagnosis.pool import write_pool_report
+        from hil.report.diagnosis.page import write_pool_report
 
         write_pool_report(folder, diagnosis)
     return Traced(folder, diagnosis)

@@ -1,5 +1,6 @@
 """Judge a rate-output sensor (`[device] axes = 0`) by its record: what the straight line of its data sheet lacks."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,14 @@ from estimator.rate_sensor.agreement import Line
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import alternate_blocks, trace_sensor
+from estimator.record import Record
 from hil.bench import RateSensorBench
 from hil.bench.rate_sensor import RateSensor
 from hil.bench.ratio import slip
 from hil.errors import InputError
 from hil.records.capture import Capture, missing, read_capture
+from hil.records.runfolder import RunFolder
+from hil.scoring.reference import reference_rate
 
 _BLOCK = 4  # samples; a step's transient is a few tens long
 _OFFSET = 0.1  # of what full rate adds, where no tolerance of the offset is declared
@@ -93,3 +97,21 @@ def sensor_remarks(record: Capture) -> tuple[str, ...]:
     if record.lost:
         said.append(missing(record.lost, record.gaps))
     return tuple(said)
+
+
+def with_gyro(record: Record, captured: Capture, place: Path) -> tuple[Record, tuple[str, ...]]:
+    """A record, a row a tick from the first of `captured` on, with the gyro of its run at `place` where it has one and
+    no rate of its own; what there is to say of it.
+    """
+    folder = RunFolder(place.parent)
+    if record.reference is not None or place.name != "capture.arrow" or not folder.reference_path.exists():
+        return record, ()
+    found = reference_rate(folder)
+    if isinstance(found, str):
+        return record, (f"reference: not used: {found}",)
+    t_s = (captured.tick[0] + np.arange(len(record))) / captured.tick_rate_Hz
+    if found.t_s[0] > t_s[0] or found.t_s[-1] + found.step_s < t_s[-1]:
+        return record, ("reference: not used: it does not cover the record",)
+    held = found.rate_rad_s[np.searchsorted(found.t_s, t_s, side="right") - 1]
+    said = "reference: errors are against the gyro beside the run, less its own bias, scale and delay"
+    return replace(record, channels={**record.channels, "gyro": held}), (said,)

@@ -1,7 +1,7 @@
 """From the residual of a record to the effect that the model lacks: record in, diagnosis and report out."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
@@ -10,9 +10,11 @@ import numpy as np
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.missing_force.result import MissingForce
+from estimator.record import Record
+from estimator.settings import Device
 from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitness import remarks, require_traceable
+from estimator.trace.fitness import moves_until, remarks, require_length, require_traceable
 from estimator.trace.problem import Problem
 from hil.bench import Bench, RateSensorBench
 from hil.bench.by_verb import require_usable
@@ -32,11 +34,9 @@ from hil.records.force import to_model as force_model
 from hil.records.trims import trims_beside
 from hil.replaying.replay import fitting, require_fit
 from hil.running.run import new_folder
-from hil.tracing.demodulated import trace_streams
-from hil.tracing.envelope import trace_ring_down
-from hil.tracing.gyro_beside import with_gyro
+from hil.tracing.demodulated import trace_ring_down, trace_streams
+from hil.tracing.rate_sensor import with_gyro
 from hil.tracing.request import TraceRequest
-from hil.tracing.split import Part, moving, parts_of, sample_of
 from hil.tracing.time_left import TimeLeft
 from hil.tracing.traced import Traced, called
 
@@ -197,7 +197,7 @@ def _trace_sensor(request: TraceRequest, bench: RateSensorBench, out: Path, prog
     write_sealed(folder / "bench.toml", source.read_text(encoding="utf-8"))
     save_diagnosis(folder / "diagnosis.json", diagnosis)
     if request.report:
-        from hil.report.diagnosis.sensor import write_sensor_report
+        from hil.report.diagnosis.envelope import write_sensor_report
 
         assert captured.rate_rad_s is not None  # or it could not have been traced
         write_sensor_report(folder, found, diagnosis, captured.rate_rad_s)
@@ -233,3 +233,59 @@ def _require_unclipped(captured: Capture) -> None:
             f"the board flagged {share:.2%} of the samples as clipped; "
             "record with a smaller amplitude, a lower gain or a wider converter"
         )
+
+
+FRACTION = 0.6
+"""Share of a record that is fitted, where it does not say so itself; the rest is held out."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a capture, its samples, the first sample of them that is held out, and what was left out, in words."""
+
+    captured: Capture
+    record: Record
+    split: int
+    said: tuple[str, ...] = ()
+
+
+def parts_of(captured: Capture, fraction: float | None) -> tuple[Capture, int]:
+    """The part of a record to be traced, and its first row that is held out."""
+    segments = captured.segments
+    if fraction is None and "train" in segments:
+        start, stop = segments["train"]
+        following = [end for first, end in segments.values() if first == stop]
+        if following:
+            return captured.part(start, max(following)), stop - start
+    held_out = round((FRACTION if fraction is None else fraction) * len(captured))
+    return captured, min(max(held_out, 1), len(captured) - 1)
+
+
+def sample_of(captured: Capture, row: int) -> int:
+    """The sample of `hil.inputs.captured.record_of` that is this row: there is one a tick."""
+    return int(captured.tick[row] - captured.tick[0])
+
+
+def moving(part: Part, device: Device) -> Part:
+    """`part` without what follows when a free response has come to rest, where the part held out would be all of that.
+
+    Friction, damping and stiffness all predict that a mass at rest stays there: such a part could contradict nobody.
+    Where too little would be left, `part` stays as it is.
+    """
+    until = moves_until(part.record, device)
+    if until > part.split:
+        return part
+    whole = part.captured
+    rows = int(np.searchsorted(whole.tick - whole.tick[0], until))
+    captured, held_out = parts_of(whole.part(0, rows), FRACTION)
+    record, split = part.record.part(slice(0, until)), sample_of(captured, held_out)
+    try:
+        require_length(record, device, split)
+    except ModelError:
+        return part
+    rest = len(part.record) - until
+    said = (
+        f"the motion has come to rest at {record.time[-1]:.4g} s: the {rest} samples after that are not used, "
+        "since every law predicts that a mass at rest stays there; --fraction uses them"
+    )
+    return Part(captured, record, split, (*part.said, said))

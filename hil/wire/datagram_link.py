@@ -7,15 +7,16 @@ import errno
 import os
 import select
 import socket
+import struct
 import time
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
 from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed
 from hil.wire.frame_format import FrameFormat
-from hil.wire.stamp import ANCILLARY_SIZE, ask_for_stamps, stamp_ns
 
 BATCH = 256
 """Datagrams taken in one call at most."""
@@ -149,3 +150,24 @@ class DatagramLink(ABC):
         """What it means that the socket cannot be used, by errno."""
         what = "the link is closed" if number == errno.EBADF else _WORDS.get(number, os.strerror(number))
         return LinkClosed(f"{self.name}: {what}")
+
+
+_SO_TIMESTAMPNS = 35  # Linux; Python's socket module does not name it
+_TIMESPEC = struct.Struct("@ll")
+ANCILLARY_SIZE = socket.CMSG_SPACE(_TIMESPEC.size)
+
+
+def ask_for_stamps(wire: socket.socket) -> None:
+    """Have the kernel stamp whatever arrives."""
+    wire.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+
+
+def stamp_ns(ancillary: Sequence[tuple[int, int, bytes]]) -> int:
+    """The stamp that came with `recvmsg`, on the monotonic clock; 0 without one."""
+    for level, kind, data in ancillary:
+        if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) == _TIMESPEC.size:
+            seconds, nanoseconds = map(int, _TIMESPEC.unpack(data))
+            # The kernel stamps in wall time; the distance to the monotonic clock is that of this moment.
+            age = time.time_ns() - (seconds * 1_000_000_000 + nanoseconds)
+            return time.monotonic_ns() - age
+    return 0

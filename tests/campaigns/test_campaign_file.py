@@ -14,7 +14,7 @@ from scipy.stats import norm, qmc
 
 from hil.bench import examples
 from hil.errors import InputError
-from hil.sweeping.keys import plain, put, value_at
+from hil.sweeping.design import plain, put, value_at
 from hil.sweeping.plan import read_plan, toml_of
 from tests.campaigns.small import plan, small
 

@@ -10,8 +10,7 @@ import pytest
 
 from hil.bench import Bench, load_bench, override
 from hil.bench.field_units import FIELD_UNITS, other_keys
-from hil.bench.template import missing, put_in, template, values_of
-from hil.bench.text import keys, sections
+from hil.bench.template import keys, missing, put_in, sections, template, values_of
 from hil.toml.reading import parse_table
 from tests.cli.conftest import Hil
 from tests.cli.test_bench_file import MINIMAL, bench_file, complaint

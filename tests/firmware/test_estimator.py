@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, load_bench, override
-from hil.comparing.board import board_course
 from hil.comparing.course import Judge, Reference
+from hil.comparing.own_loop import board_course
 from hil.errors import InputError
 from hil.exporting.exported import tables_of
 from hil.progress import Progress

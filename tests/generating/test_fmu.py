@@ -17,7 +17,7 @@ import hil
 from estimator.observer import Observer
 from hil.bench import Bench, load_bench
 from hil.errors import InputError
-from hil.generating.golden import Golden, golden
+from hil.generating.c_code import Golden, golden
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from tests.made_once import made_once

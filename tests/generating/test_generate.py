@@ -13,7 +13,7 @@ import hil
 from estimator.observer import Observer
 from hil.bench import load_bench, override
 from hil.errors import InputError
-from hil.generating.golden import golden
+from hil.generating.c_code import golden
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from tests.forked import hil_says

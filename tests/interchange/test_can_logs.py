@@ -12,7 +12,7 @@ import hil
 from device_emulator.gyros import Motion, bosch_mm, furuno, j1939, nmea2000
 from hil import cli
 from hil.errors import InputError
-from hil.importing.scale_slips import slips
+from hil.importing.can_log import slips
 from hil.records.capture import read_capture
 from hil.records.rates import rates_rad_s
 from hil.sensors.can_decoder import declared_decoder

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hil.importing.no_measurement import first_code
+from hil.importing.suspicious import first_code
 
 RANDOM = np.random.default_rng(11)
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hil.errors import InputError
-from hil.importing.rounded_time import rounded_grid, stated_grid
+from hil.importing.record_time import rounded_grid, stated_grid
 from tests.interchange.written import KINDS, MAP, bring
 
 MAPPED = MAP.replace('ux_V = { column = "u", unit = "V" }\n', "")

@@ -11,7 +11,7 @@ from hil.importing.importer import import_file
 from hil.importing.request import ImportRequest
 from hil.records.capture import read_capture
 from hil.replaying.replay import require_fit
-from hil.tracing.envelope import trace_ring_down
+from hil.tracing.demodulated import trace_ring_down
 from hil.tracing.rate_sensor import trace_rate_sensor
 
 INSTRUMENTS = Path(__file__).parents[3] / "shared" / "cases" / "instruments"

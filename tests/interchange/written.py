@@ -11,7 +11,7 @@ from scipy.io import savemat
 
 from hil.importing.importer import import_file
 from hil.importing.request import ImportRequest
-from hil.library.arrays import write_capture
+from hil.library.given import write_capture
 from hil.records.capture import Capture, read_capture
 
 ROWS = 60

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 import hil
-from hil.library.arrays import columns_of, write_capture
+from hil.library.given import columns_of, write_capture
 from hil.library.series import Series
 from hil.records.capture import read_capture
 

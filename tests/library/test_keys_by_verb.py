@@ -17,8 +17,7 @@ from hil.bench import Bench
 from hil.bench.by_verb import NOT_OF, Verb, require_usable
 from hil.bench.classic import CLASSIC
 from hil.bench.section import Section
-from hil.bench.template import template, values_of
-from hil.bench.text import keys, sections
+from hil.bench.template import keys, sections, template, values_of
 from hil.errors import InputError
 from hil.records.runfolder import RunFolder
 from hil.running import run as whole

@@ -11,7 +11,7 @@ import pytest
 from hil.bench import Bench, override
 from hil.comparing.methods import compare
 from hil.errors import InputError
-from hil.plugins.errors import PluginError
+from hil.plugins.protocol import PluginError
 from hil.records.runfolder import RunFolder
 from hil.report.page import render
 from hil.scoring.score import score

@@ -5,8 +5,7 @@ from typing import ClassVar
 import pytest
 
 import hil
-from hil.plugins.finding import Kind
-from hil.plugins.writing import write_template
+from hil.plugins.finding import Kind, write_template
 from hil.testing.conformance import PluginConformance
 from tests.plugins.compiled import library
 from tests.plugins.running import HERE

@@ -10,7 +10,7 @@ import hil
 from hil.bench import load_bench
 from hil.bench.examples import find
 from hil.errors import InputError
-from hil.plugins.writing import write_template
+from hil.plugins.finding import write_template
 from hil.records.runfolder import RunFolder
 from hil.running.worker import Order, work
 from tests.plugins.compiled import library

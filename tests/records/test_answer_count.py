@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 import hil.records.blocks
-from hil.records.answers import count_answers
 from hil.records.capture import RowFlag
 from hil.records.layout import Layout
 from hil.records.stream import BlockWriter
+from hil.records.summary import count_answers
 from hil.records.timing import Timing, ledger_layout, read_timing, timing_layout
 
 LATENCY, BLOCK, TICKS = 2, 20, 5000

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.records.answers import count_answers
 from hil.records.capture import RowFlag
 from hil.records.result import Answers
+from hil.records.summary import count_answers
 from hil.records.timing import Timing
 
 HELD = int(RowFlag.LATE_ANSWER_HELD)

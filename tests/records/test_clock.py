@@ -7,8 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil.records.clock import clock_layout, read_clock
-from hil.records.clock_fit import ClockUnknownError, fit_clock
+from hil.records.clock import ClockUnknownError, clock_layout, fit_clock, read_clock
 from hil.records.stream import BlockWriter
 
 Times = npt.NDArray[np.int64]

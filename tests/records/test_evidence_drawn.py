@@ -14,7 +14,7 @@ from hil.library import trace_figure
 from hil.records.diagnosis import Diagnosis, to_model
 from hil.report.diagnosis import evidence
 from hil.report.figures.drawing import Drawing
-from hil.report.inline_svg import inline_svg
+from hil.report.numbering import inline_svg
 from hil.report.theme import FIRST, MUTED, drawing_style
 from tests.records.test_diagnosis import answer
 

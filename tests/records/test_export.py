@@ -12,9 +12,7 @@ from scipy.io import loadmat
 import hil
 from hil.errors import InputError
 from hil.exporting.exported import Exported
-from hil.exporting.exporter import _WRITERS, FORMATS, export
-from hil.exporting.write_mat import write_mat
-from hil.exporting.write_mcap import write_mcap
+from hil.exporting.exporter import _WRITERS, FORMATS, export, write_mat, write_mcap
 from hil.importing.importer import import_record
 from hil.records.capture import read_capture
 from hil.records.estimates import read_estimates

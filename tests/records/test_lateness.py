@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from hil.records.answers import count_answers
 from hil.records.lateness import BATCH_S, Lateness, lateness_of
 from hil.records.result import Answers
+from hil.records.summary import count_answers
 from hil.records.timing import Timing
 from hil.verdict import holds
 from hil.wire.messages import ClockMode

@@ -6,7 +6,7 @@ import pytest
 from estimator.record import Record
 from estimator.settings import Device
 from hil.records.capture import Capture
-from hil.tracing.split import Part, moving, parts_of, sample_of
+from hil.tracing.trace import Part, moving, parts_of, sample_of
 
 RATE = 1000.0
 DEVICE = Device(

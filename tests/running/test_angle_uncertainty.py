@@ -12,7 +12,7 @@ from hil.records.truth import read_truth
 from hil.running.request import RunRequest
 from hil.running.run import run
 from hil.scoring.score import angle_error_rad, score, scored_window
-from hil.verdict.remedies import remedy
+from hil.verdict.angle import remedy
 from tests.running import gyro
 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]

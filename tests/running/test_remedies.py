@@ -11,7 +11,7 @@ from hil.records.result import Result, load_result
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import run
-from hil.verdict.remedies import remedy
+from hil.verdict.angle import remedy
 from tests.running import gyro
 
 pytestmark = [pytest.mark.long, pytest.mark.usefixtures("no_report")]

@@ -1,4 +1,4 @@
-"""The live count of late answers is that of the record: held against `hil.records.answers` on the same rows."""
+"""The live count of late answers is that of the record: held against `hil.records.summary` on the same rows."""
 
 from types import SimpleNamespace
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.records.answers import count_answers
+from hil.records.summary import count_answers
 from hil.records.timing import Timing, ledger_layout, timing_layout
 from hil.service.telemetry.deadlines import Deadlines
 from hil.wire.messages import SenseFlags

@@ -8,7 +8,7 @@ import numpy as np
 from hil.cli.top import rows
 from hil.records.estimates import estimates_layout
 from hil.records.trims import trims_layout
-from hil.service.telemetry.now import Now
+from hil.service.telemetry.hub import Now
 
 
 class Tracks(dict[str, Any]):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 
 from hil.cli.top import rows
-from hil.service.telemetry.now import Now
+from hil.service.telemetry.hub import Now
 
 
 class _Newest:

@@ -21,11 +21,9 @@ from hil.records.capture import read_capture
 from hil.records.frame import Frame
 from hil.records.layout import TICK, Column, Layout
 from hil.running.ring import Ring
-from hil.service.telemetry.decimation import Roll
-from hil.service.telemetry.history import History
 from hil.service.telemetry.hub import Hub
-from hil.service.telemetry.tracks import Tracks
-from hil.service.telemetry.views import AskSpectrum, SpectrumView
+from hil.service.telemetry.tracks import History, Tracks
+from hil.service.telemetry.views import AskSpectrum, Roll, SpectrumView
 from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
 from tests.service.live_client import live
 from tests.service.serving import Serving, serving

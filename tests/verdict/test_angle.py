@@ -12,8 +12,7 @@ from hil.records.capture import Capture
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution, Part, Result, Score
 from hil.records.runfolder import RunFolder
-from hil.verdict.angle import judge_angle
-from hil.verdict.remedies import remedy
+from hil.verdict.angle import judge_angle, remedy
 from tests.running import gyro
 from tests.verdict.gyro_estimates import SETTLE_S, estimates
 

@@ -15,8 +15,8 @@ from hil.bench import Bench, override
 from hil.numbers import quantity
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution
+from hil.verdict.angle import remedy
 from hil.verdict.budget import Budget, budget
-from hil.verdict.remedies import remedy
 from tests.running import gyro
 from tests.verdict.gyro_estimates import DXX, DXY, DYY, KXY, RATE, SD, SECONDS, SETTLE_S, VIRTUAL, estimates
 

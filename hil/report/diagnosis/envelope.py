@@ -2,14 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from estimator import diagnosis as traced
 from estimator.envelope.record import Envelope
-from hil.numbers import count, significant
+from estimator.scaling import Array
+from hil.numbers import count, counted, significant, unit_for
 from hil.records.diagnosis import Diagnosis
 from hil.report.diagnosis.page import Pictures, write_page
 from hil.report.figures.drawing import Drawing
 from hil.report.numbering import Figures
-from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, span_time, stacked
+from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, new_figure, span_time, stacked
 
 
 def write_envelope_report(folder: Path, envelope: Envelope, found: traced.Diagnosis, diagnosis: Diagnosis) -> Path:
@@ -44,3 +47,34 @@ def envelope_figure(envelope: Envelope, found: traced.Diagnosis, unit: str) -> D
     caption = "The amplitude of the ring-down, the models of it, and what they leave. On a logarithmic scale linear "
     caption += "damping is a straight line."
     return Drawing(figure, "Envelope", caption, caption)
+
+
+def write_sensor_report(folder: Path, found: traced.Diagnosis, diagnosis: Diagnosis, rate_rad_s: Array) -> Path:
+    """Write `folder/report.html`, whole or not at all, and return its path. rate_rad_s (n,): the reference."""
+    figures = Figures()
+    pictures = Pictures(error=figures.add(lambda: sensor_residual_figure(found, rate_rad_s, diagnosis.sense_unit)))
+    record = ("Record", count(diagnosis.samples), f"samples, {count(diagnosis.split)} of them fitted")
+    length = counted(diagnosis.samples, "sample")
+    return write_page(folder, diagnosis, pictures, record, length, declarable=False)
+
+
+def sensor_residual_figure(found: traced.Diagnosis, rate_rad_s: Array, unit: str = "V") -> Drawing:
+    """What the model leaves of the output, in its unit, against the rate."""
+    was, now = (one[:, 0] for one in (found.residual_before, found.residual_after))
+    factor, named = unit_for(float(np.nanmax(np.abs(was))), unit)
+    figure = new_figure(2.7)
+    ax = figure.subplots()
+    drawn = [(was, FIRST, "residual")]
+    if found.effects:
+        drawn = [(was, SECOND, "before"), (now, FIRST, "after")]
+    size = 4.0 if len(rate_rad_s) < 200 else 2.0
+    for residual, colour, name in drawn:
+        ax.plot(np.degrees(rate_rad_s), residual * factor, ".", color=colour, markersize=size, label=name)
+    ax.axhline(0.0, color=INK, linewidth=0.6)
+    ax.margins(x=0.03)
+    ax.set_xlabel("rate / (deg/s)")
+    ax.set_ylabel(f"output minus model / {named}")
+    legend(ax)
+    caption = "Output minus model at every sample, against the reference rate: the straight line V0 + S Ω leaves what "
+    caption += "curves, lags or saturates."
+    return Drawing(figure, "Residual against the rate", caption, caption)

@@ -6,14 +6,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from estimator import diagnosis as traced
-from hil.numbers import count, significant
+from hil.numbers import count, prefix_for, quantity, significant
 from hil.records import diagnosis as written
 from hil.report.diagnosis.material import Material
 from hil.report.figures.drawing import Drawing
-from hil.report.theme import FIRST, INK, MUTED, legend, new_figure
+from hil.report.figures.prediction import Left, prediction_panels, window
+from hil.report.figures.spectrum import mark_multiples
+from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, new_figure, plain_log_ticks, span_time, stacked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 _MOST = 14
 _NAMED, _FITTED, _UNFITTED = "named", "fitted, not named", "not fitted"
@@ -90,3 +93,115 @@ def draw_bars(ax: "Axes", bars: list[Bar]) -> None:
     ax.grid(False, axis="y")
     ax.set_xlabel("twice the gain of log-likelihood (fitted part)")
     legend(ax)
+
+
+_WINDOWS = 240
+
+
+def residual_level_figure(material: Material) -> Drawing | None:
+    """rms over short windows, all axes together, on a logarithmic scale; the part held out is shaded."""
+    found = material.found
+    samples = len(found.residual_before)
+    size = max(samples // _WINDOWS, 8)
+    windows = samples // size
+    if windows < 8:
+        return None
+    floor = np.array(found.held_out_after.noise_floor)
+    time = material.record.time
+    middle = time[: windows * size].reshape(windows, size).mean(axis=1)
+    figure = new_figure(2.3)
+    ax = figure.subplots()
+    drawn = [(found.residual_before, FIRST, "residual")]
+    if material.changed:
+        drawn = [(found.residual_before, SECOND, "before"), (found.residual_after, FIRST, "after")]
+    shown = []
+    for residual, colour, name in drawn:
+        scaled = (residual / floor)[: windows * size].reshape(windows, -1)
+        valid = np.isfinite(scaled)
+        count = np.maximum(valid.sum(axis=1), 1)
+        level = np.sqrt((np.where(valid, scaled, 0.0) ** 2).sum(axis=1) / count)
+        level[valid.sum(axis=1) == 0] = np.nan
+        ax.semilogy(middle, level, color=colour, label=name)
+        shown.append(level[np.isfinite(level) & (middle >= time[material.settled])])
+    ax.axhline(1.0, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
+    span_time([ax], time)
+    start = float(time[min(found.split, samples - 1)])
+    ax.axvspan(start, float(time[-1]), color=MUTED, alpha=0.10, linewidth=0)
+    ax.annotate(
+        "held out", (start, 0.0), xycoords=ax.get_xaxis_transform(), xytext=(5, 5), textcoords="offset points",
+        color=MUTED, fontsize=8,
+    )  # fmt: skip
+    every = np.concatenate(shown)
+    if every.size:
+        ax.set_ylim(min(0.8, every.min() / 1.2), max(1.5, every.max() * 1.3))
+    plain_log_ticks(ax.yaxis)
+    ax.set_xlabel("time / s")
+    ax.set_ylabel("rms / floor")
+    legend(ax)
+    before, after = found.held_out_before.ratio, found.held_out_after.ratio
+    caption = f"On the held-out part (shaded) the residual is {significant(before)} × the floor"
+    caption += f" before and {significant(after)} × after." if material.changed else "."
+    return Drawing(figure, "Residual over time", caption, f"rms over windows of {size} samples. {caption}")
+
+
+def held_out_figure(material: Material) -> Drawing | None:
+    """From its middle; of a single axis by the free run, with which such a record was traced."""
+    found, record = material.found, material.record
+    simulated = found.free_run
+    if simulated is None:
+        before, after = found.residual_before[found.split :], found.residual_after[found.split :]
+    else:
+        before, after = simulated
+    known = np.flatnonzero(np.all(np.isfinite(before), axis=1))
+    if not known.size:
+        return None
+    size = min(window(material.sample_rate_Hz / material.resonance_Hz), len(known))
+    first = int(known[(len(known) - size) // 2])
+    rows = slice(first, first + size)
+    left = [Left(before[rows], FIRST, "simulated" if simulated is not None else "predicted")]
+    if material.changed:
+        left = [Left(before[rows], SECOND, "before"), Left(after[rows], FIRST, "after")]
+    whole = slice(found.split + first, found.split + first + size)
+    return prediction_panels(
+        record.time[whole], record.sense[whole], left, where="A few cycles of the part held out",
+        unit=material.device.sense_unit, ahead=simulated is None,
+    )  # fmt: skip
+
+
+def held_out_spectrum_figure(material: Material) -> Drawing | None:
+    """Amplitude density of the held-out part, a panel per axis, multiples of the resonance marked."""
+    frequency, before, after = material.held_out_densities
+    if len(frequency) < 8 or not (np.isfinite(before).all() and np.isfinite(after).all() and before.any()):
+        return None
+    rate, resonance = material.sample_rate_Hz, material.resonance_Hz
+    axes = before.shape[1]
+    floors = np.array(material.found.held_out_after.noise_floor) * np.sqrt(2.0 / rate)
+    own = material.device.sense_unit
+    factor, prefix = prefix_for(float(np.median(floors))) if own == "V" else (1.0, "")
+    curves = [(before, FIRST, "residual")]
+    if material.changed:
+        curves = [(before, SECOND, "before"), (after, FIRST, "after")]
+    figure, panels = stacked(0.7 + 1.75 * axes, (1.0,) * axes)
+    for axis, ax in enumerate(panels):
+        low, high = [], []
+        for power, colour, name in curves:
+            curve = np.sqrt(power[:, axis]) * factor
+            ax.semilogy(frequency, curve, color=colour, linewidth=0.9, label=name)
+            low.append(curve.min())
+            high.append(curve.max())
+        ax.axhline(floors[axis] * factor, color=INK, linewidth=0.9, dashes=(4, 3), label="noise floor")
+        ax.set_ylim(min(*low, floors[axis] * factor) / 1.4, max(*high, floors[axis] * factor) * 3.0)
+        plain_log_ticks(ax.yaxis)
+        ax.set_ylabel(f"ν{'xy'[axis]} / ({prefix}{own}/√Hz)")
+        mark_multiples(ax, resonance, 0.98 * rate / 2, most=9)
+        ax.set_xlim(0, rate / 2)
+    legend(panels[0])
+    panels[-1].set_xlabel("frequency / Hz")
+    caption = (
+        "Amplitude density of the innovation on the part of the record that is held out (Welch). "
+        f"Dotted: multiples of the resonance f₀ = {quantity(resonance, 'Hz', 4)}."
+    )
+    was, now = (significant(fit.ratio) for fit in material.fits[2:])
+    told = f" before, {now} after" if material.changed else ""
+    alt = f"The residual is {was} times the floor{told}."
+    return Drawing(figure, "Spectrum of the residual", caption, f"{alt} {caption}")

@@ -9,19 +9,21 @@ from estimator import diagnosis as traced
 from estimator.missing_force.result import MissingForce
 from estimator.record import Record
 from estimator.settings import Device, ObserverSettings
-from hil.numbers import count, quantity, sensed, significant, with_and
+from hil.numbers import count, counted, quantity, sensed, significant, with_and
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
 from hil.report import markup
 from hil.report.diagnosis import force_table, missing_force, tables
 from hil.report.diagnosis.equations import typeset
-from hil.report.diagnosis.evidence import evidence_figure
+from hil.report.diagnosis.evidence import (
+    evidence_figure,
+    held_out_figure,
+    held_out_spectrum_figure,
+    residual_level_figure,
+)
 from hil.report.diagnosis.intervals import intervals_figure
-from hil.report.diagnosis.level import residual_level_figure
 from hil.report.diagnosis.material import Material
-from hil.report.diagnosis.prediction import held_out_figure
-from hil.report.diagnosis.spectrum import held_out_spectrum_figure
 from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures
 from hil.report.verdict import Headline
@@ -257,3 +259,10 @@ def _bench_text(folder: Path) -> str:
 
 def _rms(value: float | None, unit: str) -> str:
     return "" if value is None else f"{sensed(value, unit)} rms"
+
+
+def write_pool_report(folder: Path, diagnosis: Diagnosis) -> Path:
+    """Write `folder/report.html`, whole or not at all, and return its path."""
+    fitted, rest = count(diagnosis.split), count(diagnosis.samples - diagnosis.split)
+    record = ("Records", count(diagnosis.samples), f"samples, {fitted} fitted, {rest} held out with their records")
+    return write_page(folder, diagnosis, Pictures(), record, counted(diagnosis.samples, "sample"))

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from hil.numbers import count, percent, plus_minus, quantity, sensed, significant
 from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities, Separation, Unconfirmed
 from hil.report.markup import table
-from hil.report.names import shown_unit
+from hil.report.tables import shown_unit
 
 _SHOWN = 0.01  # probability from which on an account is listed
 _FIGURES = {

@@ -11,8 +11,8 @@ from hil.records.estimates import Estimates
 from hil.records.units import symbol_of
 from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.names import rank, shown, shown_unit
 from hil.report.pixel_series import PixelSeries
+from hil.report.tables import rank, shown, shown_unit
 from hil.report.theme import FIRST, INK, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:

@@ -10,9 +10,12 @@ from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, Literal, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
+
+from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from hil.errors import InputError, printable
+from hil.records.atomic import read_json, write_text
 from hil.records.blocks import opened, read_opening
 from hil.records.direct import DirectRecord
 from hil.records.figures import Known, of_run, of_trace
@@ -20,7 +23,6 @@ from hil.records.listing import PARTS, Kind, beside_runs, listed_kind
 from hil.records.occupied import is_occupied
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
-from hil.service.catalogue.marks import Marks, read_marks
 
 State = Literal["done", "running", "interrupted", "recorded", "unreadable"]
 """running: a process works on it; interrupted: it has no figures, or those of a run that was stopped; recorded: from
@@ -200,3 +202,41 @@ def _time(stamp: str, folder: Path) -> float:
 def as_json(details: Mapping[str, Any]) -> str:
     """Details as they are kept."""
     return json.dumps(dict(details), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
+
+
+FILE = "marks.json"
+Tag = Annotated[
+    str, StringConstraints(strip_whitespace=True, min_length=1, max_length=60, pattern=r"^[^\x00-\x1f\x7f]+$")
+]
+
+
+class Marks(BaseModel):
+    """What people say of a run."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    version: int = Field(default=1, ge=1, le=1)
+    tags: tuple[Tag, ...] = Field(default=(), max_length=50)
+    note: Annotated[str, StringConstraints(max_length=10_000)] | None = Field(
+        default=None, description="Stands for the operator's note of result.json; null where that one is meant"
+    )
+
+
+def read_marks(folder: Path) -> Marks:
+    """Those of a run; none where there is no file. Raises InputError where it is no file of marks."""
+    path = folder / FILE
+    try:
+        return Marks.model_validate_json(read_json(path))
+    except FileNotFoundError:
+        return Marks()
+    except (OSError, ValidationError, ValueError):
+        raise InputError(f"{path}: tags and note cannot be read; correct or remove the file") from None
+
+
+def write_marks(folder: Path, marks: Marks) -> None:
+    """Write them, whole or not at all; no file is left where there is nothing to say."""
+    path = folder / FILE
+    if marks == Marks():
+        path.unlink(missing_ok=True)
+    else:
+        write_text(path, marks.model_dump_json(indent=1) + "\n")

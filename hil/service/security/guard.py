@@ -6,11 +6,8 @@ from starlette.datastructures import MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from hil.service.problems import problem_response
-from hil.service.security.headers import ALWAYS
 from hil.service.security.hosts import Hosts
-from hil.service.security.roles import needed
-from hil.service.security.tickets import Tickets
-from hil.service.security.tokens import Holder, Tokens
+from hil.service.security.tokens import Holder, Tickets, Tokens, needed
 
 _LOOKING = frozenset({"GET", "HEAD", "OPTIONS"})
 _OURS = frozenset({b"same-origin", b"none"})
@@ -95,3 +92,31 @@ class Guard:
 
 def _values(scope: Scope, name: bytes) -> Iterable[bytes]:
     return [value for key, value in scope["headers"] if key == name]
+
+
+_DIRECTIVES = {
+    "default-src": "'none'",
+    "script-src": "'self'",
+    "style-src": "'self'",
+    "img-src": "'self' data: blob:",
+    "font-src": "'self'",
+    "connect-src": "'self'",
+    "frame-src": "'self'",
+    "manifest-src": "'self'",
+    "worker-src": "'self'",
+    "base-uri": "'none'",
+    "form-action": "'none'",
+    "frame-ancestors": "'none'",
+}
+POLICY = "; ".join(f"{name} {sources}" for name, sources in _DIRECTIVES.items())
+"""Content-Security-Policy of everything that does not bring its own."""
+
+ALWAYS = {
+    "content-security-policy": POLICY,
+    "x-content-type-options": "nosniff",
+    "referrer-policy": "no-referrer",
+    "cross-origin-opener-policy": "same-origin",
+    "cross-origin-resource-policy": "same-origin",
+    "permissions-policy": "camera=(), microphone=(), geolocation=()",
+    "cache-control": "no-store",
+}

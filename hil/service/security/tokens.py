@@ -3,10 +3,44 @@
 import hashlib
 import hmac
 import secrets
+import time
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from enum import IntEnum
+from urllib.parse import parse_qs
 
-from hil.service.security.roles import Role
+
+class Role(IntEnum):
+    """What the holder of a token may do."""
+
+    LOOK = 1
+    """see everything that is recorded or measured, and send SAFE"""
+    OPERATE = 2
+    """change what is recorded, and operate the board that he has the lease of"""
+    ADMINISTER = 3
+    """read the audit log, have the catalogue made anew, and end another one's lease"""
+
+
+_OPEN = ("/healthz", "/openapi.json")
+_GUARDED = ("/api/", "/metrics")
+_SAFE = ("/api/board/safe", "/safe")
+_ADMINISTERED = ("/api/audit", "/api/catalogue/")
+_LOOKING = frozenset({"GET", "HEAD"})
+
+
+def needed(method: str, path: str) -> Role | None:
+    """The role that a request needs, None for the page's own files and what says nothing of the bench.
+
+    SAFE is for everybody who may look; every other request that changes something is for who may operate.
+    """
+    if path in _SAFE:
+        return Role.LOOK
+    if path in _OPEN or not path.startswith(_GUARDED):
+        return None
+    if path.startswith(_ADMINISTERED):
+        return Role.ADMINISTER
+    return Role.LOOK if method in _LOOKING else Role.OPERATE
+
 
 _BYTES = 24
 
@@ -54,3 +88,32 @@ class Tokens:
 
 def _digest(token: str) -> bytes:
     return hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest()
+
+
+_LASTS_S = 60.0
+_AT_MOST = 1024
+
+
+class Tickets:
+    """Each is for one path, to be read only, for a minute; it gives the role look, whatever role asked for it."""
+
+    def __init__(self) -> None:
+        self._valid: dict[str, tuple[str, str, float]] = {}
+
+    def make(self, path: str, holder: Holder) -> str:
+        """A ticket for `path`."""
+        now = time.monotonic()
+        self._valid = {ticket: value for ticket, value in self._valid.items() if value[2] > now}
+        while len(self._valid) >= _AT_MOST:
+            del self._valid[next(iter(self._valid))]
+        ticket = secrets.token_urlsafe(18)
+        self._valid[ticket] = path, holder.name, now + _LASTS_S
+        return ticket
+
+    def holder_of(self, path: str, query: bytes) -> Holder | None:
+        """Who may read `path` by the ticket in `query`."""
+        given = parse_qs(query.decode("latin-1")).get("ticket", [])
+        entry = self._valid.get(given[0]) if len(given) == 1 else None
+        if entry is None or entry[0] != path or entry[2] <= time.monotonic():
+            return None
+        return Holder(entry[1], Role.LOOK)

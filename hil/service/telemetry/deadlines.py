@@ -1,4 +1,4 @@
-"""What became of the samples of a run that lasts, by the count of its record (`hil.records.answers`).
+"""What became of the samples of a run that lasts, by the count of its record (`hil.records.summary`).
 
 What the board says of late answers in the end is not known yet: as in a record where it said nothing, every answer that
 was not in time counts as late.

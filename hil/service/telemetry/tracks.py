@@ -9,7 +9,35 @@ import numpy.typing as npt
 from hil.records.layout import Layout
 from hil.running.ring import Onlooker
 from hil.service.series import shown
-from hil.service.telemetry.history import History, Rows
+
+Rows = npt.NDArray[np.void]
+
+
+class History:
+    """The last `most` rows of a dtype, and perhaps as many before them."""
+
+    def __init__(self, dtype: np.dtype[Any], most: int) -> None:
+        self._rows = np.empty(2 * most, dtype)
+        self._most = most
+        self._count = 0
+        self.added = 0
+        """rows ever"""
+
+    def add(self, rows: Rows) -> None:
+        """Append rows; the oldest are forgotten."""
+        self.added += len(rows)
+        rows = rows[-self._most :]
+        if self._count + len(rows) > len(self._rows):
+            kept = self._most - len(rows)
+            self._rows[:kept] = self._rows[self._count - kept : self._count].copy()
+            self._count = kept
+        self._rows[self._count : self._count + len(rows)] = rows
+        self._count += len(rows)
+
+    def newest(self, count: int) -> Rows:
+        """The last `count` rows, or as many as there are; a view that holds until more are added."""
+        return self._rows[max(self._count - count, 0) : self._count]
+
 
 _AT_MOST = 1 << 17  # rows taken at a look: after a long halt the oldest are let go
 _KEPT = {"capture": 1 << 18, "innovation": 1 << 18, "estimates": 1 << 12, "timing": 1 << 14}
