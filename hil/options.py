@@ -1,7 +1,7 @@
 """How the options of a verb are declared: once, with help, limits and default, and read by every caller.
 
 Options are a TypedDict: a type checker knows `**options: Unpack[RunOptions]`, and nothing heavy is loaded for them.
-The command line makes its options of it (`hil.cli.derived`), the library its keywords (`hil.library.keywords`), the
+The command line makes its options of it (`hil.cli.options`), the library its keywords (`hil.library.keywords`), the
 service the fields of its bodies and a campaign file a table (`with_fields`).
 """
 

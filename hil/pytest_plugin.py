@@ -138,7 +138,7 @@ def pytest_runtest_call(item: pytest.Item) -> Iterator[None]:
 def pytest_sessionfinish(session: pytest.Session) -> None:
     """A fault of the bench is no verdict on a board: the exit code is 3, as of `hil`."""
     if session.config.stash.get(_FAULT, False):
-        from hil.errors.exit_codes import ExitCode
+        from hil.errors.ending import ExitCode
 
         session.exitstatus = int(ExitCode.FAULT)
 

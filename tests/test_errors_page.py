@@ -8,7 +8,7 @@ import pytest
 ROOT = Path(__file__).parents[1]
 DECIDES = ("hil/errors/",)
 SECOND_PLACES = {
-    "told_to_user(": {"hil/library/words.py", "hil/pytest_plugin.py"},  # only whether it is a user's
+    "told_to_user(": {"hil/library/keywords.py", "hil/pytest_plugin.py"},  # only whether it is a user's
     "fault_line(": {"hil/service/problems.py"},  # without its own words, which a client need not know
     "kept_fault(": set(),
     '"a fault of hil': set(),

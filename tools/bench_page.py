@@ -10,9 +10,9 @@ from estimator.custom.names import QUANTITIES
 from hil.bench.bench import Bench
 from hil.bench.by_verb import NOT_OF
 from hil.bench.device import Device
-from hil.bench.field_units import FIELD_UNITS, other_keys
 from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter
 from hil.bench.rate_sensor import RateSensorBench
+from hil.bench.section import FIELD_UNITS, other_keys
 from hil.bench.template import keys, meaning, others, sections
 from tools.markdown import keys_table, kind_of, table
 

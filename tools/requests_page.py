@@ -9,8 +9,7 @@ from annotated_types import Ge, Gt, Le, Lt, MaxLen
 from estimator.errors import ModelError
 from hil.characterising.options import CharacteriseOptions, LocalCharacteriseOptions
 from hil.errors import InputError
-from hil.errors.ending import ending_of
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode, ending_of
 from hil.identifying.options import IdentifyOptions, LocalIdentifyOptions
 from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.options import Keyword, keywords_of

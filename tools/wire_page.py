@@ -4,8 +4,7 @@ from collections.abc import Iterable, Iterator
 
 from hil.wire.client import FIELD_TABLE_S, MOST_LINES
 from hil.wire.framing import CRC_SIZE, HEADER, MAX_ENCODED
-from hil.wire.keyed import CALL, CHALLENGE, FRAME, KEY_SIZE, NONCE_SIZE, OPEN, TAG_SIZE
-from hil.wire.session import PEER_S
+from hil.wire.keyed import CALL, CHALLENGE, FRAME, KEY_SIZE, NONCE_SIZE, OPEN, PEER_S, TAG_SIZE
 from hil.wire.spec import SPEC, Enumeration, Field, Layout
 from hil.wire.stream import REPEAT_RUN, REPEAT_WINDOW
 from tools.keyed_example import BOARD_NONCE, HOST_NONCE, SECRET, example

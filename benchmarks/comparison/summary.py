@@ -4,7 +4,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from hil.comparing.prior_art import RATE_IDENTIFIED
+from hil.comparing.observers import RATE_IDENTIFIED
 from hil.records.methods import Methods
 
 

@@ -11,23 +11,27 @@ from typing import Any
 
 import numpy as np
 
-_TYPES: dict[str, Any] = {"double": ctypes.c_double, "real": ctypes.c_double, "whole": ctypes.c_int64} | {
-    f"{sign}int{bits}_t": getattr(ctypes, f"c_{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)
-}
+_TYPES: dict[str, Any] = {
+    "double": ctypes.c_double,
+    "real": ctypes.c_double,
+    "whole": ctypes.c_int64,
+    "char": ctypes.c_char,
+} | {f"{sign}int{bits}_t": getattr(ctypes, f"c_{sign}int{bits}") for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 _UNDEFINED = re.compile(r"^#ifdef .*?(?:^#else\n(.*?))?^#endif\n", re.DOTALL | re.MULTILINE)
 _NUMBER = re.compile(r"^#define (\w+) (.+)$", re.MULTILINE)
-_STRUCTURE = re.compile(r"typedef struct \{(.*?)\} (\w+);", re.DOTALL)
+_STRUCTURE = re.compile(r"typedef struct (?:\w+ )?\{(.*?)\} (\w+);", re.DOTALL)
 _CALLED = re.compile(r"[\w ]+\(\*(\w+)\)\(.*\)", re.DOTALL)
 _MEMBERS = re.compile(r"(?:const )?(\w+) (.+)", re.DOTALL)
 _DECLARATOR = re.compile(r"(\(?\*|)(\w+)\)?((?:\[.+\])?)")
 
 
 class Header:
-    """A header that was read, with nothing defined before it but `numbers`."""
+    """Headers that were read, one after another, with nothing defined before them but `numbers`."""
 
-    def __init__(self, path: Path, numbers: Mapping[str, int]) -> None:
-        text = _UNDEFINED.sub(lambda found: found[1] or "", _COMMENT.sub("", path.read_text("utf-8")))
+    def __init__(self, path: Path, numbers: Mapping[str, int], *more: Path) -> None:
+        written = "".join(one.read_text("utf-8") for one in (path, *more))
+        text = _UNDEFINED.sub(lambda found: found[1] or "", _COMMENT.sub("", written))
         self.numbers = dict(numbers)
         for name, value in _NUMBER.findall(text):
             try:
@@ -42,6 +46,10 @@ class Header:
     def fields(self, name: str) -> list[tuple[str, Any]]:
         """Of a structure, for a class of one's own."""
         return list(self._types[name]._fields_)
+
+    def size(self, name: str) -> int:
+        """Bytes of a structure."""
+        return ctypes.sizeof(self._types[name])
 
     def row(self, name: str) -> np.dtype[np.void]:
         """Of a structure, for arrays of NumPy."""

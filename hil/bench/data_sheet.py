@@ -9,8 +9,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from pydantic import Field, create_model
 
-from hil.bench.field_units import OtherKey, other_keys
-from hil.bench.section import Positive, Section
+from hil.bench.section import OtherKey, Positive, Section, other_keys
 
 _Table = TypeVar("_Table", bound=type[Section])
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import InputError
-from hil.errors.arguments import path_of
+from hil.errors.input import path_of
 from hil.toml.reading import suggestion
 
 

@@ -7,7 +7,7 @@ from pydantic import AfterValidator, Field, model_validator
 from hil.bench.classic import Loops, Mode
 from hil.bench.data_sheet import with_sheet_limits
 from hil.bench.section import Fraction, NotNegative, Plugin, Positive, Section
-from hil.records.run_name import RUN_NAME, checked_name
+from hil.records.kind import RUN_NAME, checked_name
 
 RunName = Annotated[str, AfterValidator(checked_name), Field(json_schema_extra={"pattern": RUN_NAME})]
 

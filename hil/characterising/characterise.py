@@ -223,6 +223,6 @@ def cases(sheet: DataSheet) -> list[Case]:
 
 def line_of(row: SheetRow) -> str:
     """Why a limit is not kept."""
-    from hil.characterising.words import shown, shown_limit
+    from hil.characterising.figures import shown, shown_limit
 
     return f"{row.axis}: {row.title}: {shown(row)}, limit {shown_limit(row)}"

@@ -9,7 +9,7 @@ from annotated_types import Ge, Gt, Le
 from typing_extensions import TypedDict
 
 from hil.options import Called, Default, Help, Names
-from hil.records.run_name import RunNameOption
+from hil.records.kind import RunNameOption
 
 
 class CharacteriseOptions(TypedDict, total=False):

@@ -9,8 +9,7 @@ import numpy as np
 
 from estimator.allan.noise import TERMS
 from estimator.characteristics.stretches import HARMONICS
-from hil.characterising.figures import AxisFigures
-from hil.characterising.words import HEAD, cells, headline
+from hil.characterising.figures import HEAD, AxisFigures, cells, headline
 from hil.records.atomic import write_text
 from hil.records.data_sheet import DataSheet
 from hil.report import markup

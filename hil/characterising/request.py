@@ -9,7 +9,7 @@ from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench.examples import bench_file
 from hil.characterising.options import LocalCharacteriseOptions
 from hil.errors import InputError
-from hil.errors.arguments import path_of, require
+from hil.errors.input import path_of, require
 from hil.options import chosen
 from hil.records.atomic import require_name
 from hil.records.kind import fresh

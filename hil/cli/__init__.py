@@ -1,6 +1,6 @@
 """The command line: one verb per module; this file turns what goes wrong into one line and an exit code.
 
-Exit codes are those of `hil.errors.exit_codes`.  Verb modules import nothing heavy at
+Exit codes are those of `hil.errors.ending`.  Verb modules import nothing heavy at
 the top, so that ``hil --help`` answers at once.
 """
 
@@ -13,8 +13,7 @@ from contextlib import nullcontext
 from typing import Any, NoReturn
 
 from hil.errors import InputError, printable, refusal_of
-from hil.errors.ending import ending_of
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode, ending_of
 from hil.errors.interruption import take_signals
 from hil.running.worker_process import started_ahead
 

@@ -7,9 +7,8 @@ import typer
 
 import hil
 from hil.characterising.options import LocalCharacteriseOptions
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, BenchOption, Json, Out
-from hil.errors.exit_codes import ExitCode
+from hil.cli.options import RUNS, BenchOption, Json, Out, with_options
+from hil.errors.ending import ExitCode
 
 if TYPE_CHECKING:
     from hil.records.data_sheet import DataSheet
@@ -46,7 +45,7 @@ def characterise(
       hil characterise last --truth truth.arrow --calibrate calibrations
       hil characterise table.arrow --bench rate-table-crs03
     """
-    from hil.cli.files import capture_in
+    from hil.cli.options import capture_in
     from hil.cli.progress import watching
     from hil.cli.show import print_json
     from hil.library.sheets import is_sensor
@@ -66,7 +65,7 @@ def characterise(
 
 
 def _print(sheet: "DataSheet") -> None:
-    from hil.characterising.words import HEAD, cells, headline
+    from hil.characterising.figures import HEAD, cells, headline
     from hil.cli.paper import Paper
 
     paper = Paper()

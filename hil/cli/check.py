@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from hil.cli.options import Json
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode
 
 Place = Annotated[
     Path,
@@ -35,7 +35,7 @@ def check(place: Place, repair: Repair = False, out: Target = None, json: Json =
       hil check runs/first --repair
       hil check capture.arrow --repair -o kept.arrow
     """
-    from hil.cli.files import run_folder
+    from hil.cli.options import run_folder
     from hil.cli.show import print_json, say
     from hil.errors import InputError, printable
     from hil.records.check import check as check_records

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Name, Out, Report
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode
 
 if TYPE_CHECKING:
     from hil.comparing.methods import Compared
@@ -68,8 +68,8 @@ def compare(
       hil compare last --bench s-classic --diagnosis last
     """
     from hil.bench import load_bench, override
-    from hil.cli.files import bench_file, capture_in
-    from hil.cli.own import prepare
+    from hil.cli.consent import prepare
+    from hil.cli.options import bench_file, capture_in
     from hil.cli.progress import watching
     from hil.errors import InputError
 

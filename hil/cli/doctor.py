@@ -33,11 +33,10 @@ def doctor(link: DoctorLink = None, json: Json = False) -> None:
     """
     from hil.boards.emulation import located
     from hil.doctor import link as link_
-    from hil.doctor import machine, ports, target
-    from hil.errors.exit_codes import ExitCode
-    from hil.errors.faults import is_fault
+    from hil.doctor import machine, ports
+    from hil.errors.ending import ExitCode, is_fault
 
-    findings = [*machine.examine(), *target.examine(), *ports.examine()]
+    findings = [*machine.examine(), *machine.examine(), *ports.examine()]
     measured = None
     if link is not None:
         about_link, measured = link_.examine(located(link))

@@ -49,7 +49,7 @@ def export(
       hil export silverbox.arrow --to parquet
       hil export last-trace --what force --to csv
     """
-    from hil.cli.files import run_folder
+    from hil.cli.options import run_folder
     from hil.cli.show import print_json, say
     from hil.exporting.exporter import export as write
     from hil.exporting.exporter import format_for

@@ -5,8 +5,7 @@ from typing import Annotated, NoReturn, Unpack
 
 import typer
 
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, Json
+from hil.cli.options import RUNS, Json, with_options
 from hil.identifying.options import LocalIdentifyOptions
 
 BoardLink = Annotated[
@@ -60,7 +59,7 @@ def identify(
     from hil.cli import consent
     from hil.cli.progress import watching
     from hil.cli.show import print_json, say
-    from hil.errors.exit_codes import ExitCode
+    from hil.errors.ending import ExitCode
     from hil.identifying.findings import CALLED
     from hil.identifying.identify import identify as carry_out
     from hil.identifying.request import request_of, told
@@ -106,7 +105,7 @@ def _accept(link: str | None, runs: Path, *, arm: bool, as_json: bool) -> NoRetu
     from hil.cli.progress import watching
     from hil.cli.show import print_json, say
     from hil.errors import InputError, printable
-    from hil.errors.exit_codes import ExitCode
+    from hil.errors.ending import ExitCode
     from hil.testing.acceptance import WORDS, accept
 
     if link is None:

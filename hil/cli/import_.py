@@ -6,8 +6,7 @@ from typing import Annotated, Unpack
 import typer
 
 import hil
-from hil.cli.derived import with_options
-from hil.cli.options import Json
+from hil.cli.options import Json, with_options
 from hil.importing.options import LocalImportOptions
 
 Source = Annotated[Path, typer.Argument(metavar="FILE", help="Delimited text, or gzipped; .mat; Parquet.")]

@@ -77,8 +77,7 @@ def init(
     from hil.cli.show import echo_figures, print_echo, print_json, say
     from hil.errors import InputError
     from hil.records.atomic import write_text
-    from hil.records.kind import fresh
-    from hil.records.run_name import named_by
+    from hil.records.kind import fresh, named_by
     from hil.toml.reading import parse_table, table_of
 
     if plugin is not None:

@@ -5,8 +5,7 @@ from typing import Annotated, Unpack
 import typer
 
 import hil
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, Json, Out
+from hil.cli.options import RUNS, Json, Out, with_options
 from hil.sensors.options import LocalRecordOptions
 
 _LINK = "NAME:PLACE[?baud=N], NAME being serial, can, replay, iio or a sensor's."

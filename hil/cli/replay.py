@@ -3,8 +3,7 @@
 from typing import Unpack
 
 import hil
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Out
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Out, with_options
 from hil.replaying.options import ReplayOptions
 
 
@@ -30,8 +29,8 @@ def replay(
       hil replay runs/first --bench s-slow --backend numpy --json
     """
     from hil.bench import load_bench
-    from hil.cli.files import bench_file, capture_in
-    from hil.cli.own import prepare
+    from hil.cli.consent import prepare
+    from hil.cli.options import bench_file, capture_in
     from hil.cli.progress import watching
     from hil.cli.show import finish
 

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, Unpack
 
 import typer
 
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, Json, Out
+from hil.cli.options import RUNS, Json, Out, with_options
 from hil.running.options import LocalRunOptions
 
 if TYPE_CHECKING:
@@ -82,7 +81,7 @@ def run(
     if mount is not None or len(benches) > 1:
         _run_several(benches, link, mount, out, options, arm=arm, dry_run=dry_run, live=live, as_json=json)
     from hil.cli import consent
-    from hil.cli.own import prepare
+    from hil.cli.consent import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish, question, show_identity
     from hil.errors import InputError
@@ -128,7 +127,7 @@ def _run_several(
 ) -> NoReturn:
     from hil.bench.mount import load_mount
     from hil.cli import consent
-    from hil.cli.own import prepare
+    from hil.cli.consent import prepare
     from hil.cli.progress import watching
     from hil.cli.show import finish_attitude, question
     from hil.errors import InputError

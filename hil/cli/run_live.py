@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.boards.emulation import shown
-from hil.cli.derived import as_words
+from hil.cli.options import as_words
 from hil.errors import InputError
 from hil.options import chosen
 from hil.progress import Progress, Watcher

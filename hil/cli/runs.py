@@ -70,7 +70,7 @@ def show(run: Place, add: Add = None, replace: Replace = False, json: Json = Fal
       hil show 20250314-09
       hil show runs/20250314-092653-s-slow --json
     """
-    from hil.cli.files import run_folder
+    from hil.cli.options import run_folder
 
     folder = run_folder(run)
     if (folder / "diagnosis.json").exists():

@@ -22,7 +22,7 @@ def score(run: Run, truth: TruthFile, json: Json = False) -> None:
       hil run s-slow --truth truth.arrow --replace
       hil score last --truth truth.arrow
     """
-    from hil.cli.files import run_folder
+    from hil.cli.options import run_folder
     from hil.cli.show import finish, say
     from hil.report.page import write_report
     from hil.scoring.score import score as compare

@@ -5,8 +5,7 @@ from typing import Annotated, Unpack
 
 import typer
 
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, Json
+from hil.cli.options import RUNS, Json, with_options
 from hil.running.options import FileOptions
 
 Folder = Annotated[Path, typer.Option("--folder", "--out", "-o", help="Folder in which the run folders are.")]
@@ -61,7 +60,7 @@ def serve(
     import sys
     from json import dumps
 
-    from hil.service.page_files import lacking
+    from hil.service.app import lacking
     from hil.service.serve import Begun, Where
     from hil.service.serve import serve as serve_at
 

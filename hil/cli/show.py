@@ -12,8 +12,7 @@ import typer
 
 from hil.cli.paper import Paper
 from hil.errors import printable, printable_json
-from hil.errors.exit_codes import ExitCode
-from hil.errors.faults import is_fault
+from hil.errors.ending import ExitCode, is_fault
 
 if TYPE_CHECKING:
     from hil.bench import Bench

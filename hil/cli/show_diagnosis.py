@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NoReturn
 import typer
 
 from hil.errors import printable, printable_json
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode
 
 if TYPE_CHECKING:
     from hil.records.diagnosis import Diagnosis, Finding, Separation

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, NoReturn, Unpack
 
 import typer
 
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, Json
+from hil.cli.options import RUNS, Json, with_options
 from hil.sweeping.options import LocalSweepOptions
 
 if TYPE_CHECKING:
@@ -133,8 +132,7 @@ def _told(watch: "Watcher") -> "Watcher":
 
 def _finish(plan: "Plan", found: "Sweep", *, as_json: bool) -> NoReturn:
     from hil.cli.show import print_json
-    from hil.errors.exit_codes import ExitCode
-    from hil.errors.faults import is_fault
+    from hil.errors.ending import ExitCode, is_fault
 
     made = {"made": found.made, "seconds": round(found.seconds, 1), "report": str(found.report())}
     told = summary(plan, found) | made

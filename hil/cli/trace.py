@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Unpack
 
 import typer
 
-from hil.cli.derived import with_options
-from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Out, Replace
+from hil.cli.options import RUNS, BenchOption, CaptureArgument, Json, Link, Out, Replace, with_options
 from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
@@ -66,8 +65,8 @@ def trace(
       hil trace load-0.arrow load-1.arrow load-2.arrow load-3.arrow --bench beam.bench.toml --covariate load_kg
       hil trace runs/first --bench s-undeclared --missing-force
     """
-    from hil.cli.files import bench_file, capture_in
-    from hil.cli.own import prepare
+    from hil.cli.consent import prepare
+    from hil.cli.options import bench_file, capture_in
     from hil.cli.progress import watching
     from hil.cli.show_diagnosis import finish
     from hil.errors import InputError

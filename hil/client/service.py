@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Self, Unpack
 from hil.characterising.options import CharacteriseOptions
 from hil.client.board import Board
 from hil.client.remote_run import RemoteRun
-from hil.client.requests import Requests, found
-from hil.client.stream import Stream
+from hil.client.requests import Requests, Stream, found
 from hil.errors import InputError
 from hil.identifying.options import IdentifyOptions
 from hil.importing.options import ImportOptions

@@ -18,7 +18,7 @@ from hil.bench import Bench, override
 from hil.bench.by_verb import of_a_record, require_usable
 from hil.characterising.figures import figures_of
 from hil.characterising.source import Axis, Block
-from hil.comparing import prior_art
+from hil.comparing import observers
 from hil.comparing.course import DAMPING, STIFFNESS, Judge, MethodCourse, Reference, reference_of
 from hil.comparing.observers import (
     GAINS,
@@ -186,7 +186,7 @@ def methods_on(
     remarks += rows.failed
     if bench.offset_sd_V:
         remarks.append(
-            f"{STATES['gyro']} states and {prior_art.WITHOUT_OFFSETS}: assume that the sense offsets are zero, "
+            f"{STATES['gyro']} states and {observers.WITHOUT_OFFSETS}: assume that the sense offsets are zero, "
             f"but {bench.offset_sd_V:g} V are declared; their U does not include them"
         )
     if subject.streams:
@@ -277,7 +277,7 @@ def _on_record(
             found.append((name, partial(course_of, subject, traced, name, "traced")))
         else:
             remarks.append(f"trace: {diagnosis.verdict}, so there is no effect to include")
-    return [*found, *prior_art.methods(subject)]
+    return [*found, *observers.methods(subject)]
 
 
 def effects_of(diagnosis: Diagnosis) -> dict[str, Mapping[str, float]]:

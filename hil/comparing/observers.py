@@ -1,6 +1,14 @@
-"""The bench's observers on a record: three by what they estimate, each with three gains."""
+"""The bench's observers on a record: three by what they estimate, each with three gains.
+
+What the patent calls prior art, on a record that is there already: (a), (b), (c) and (e).  (d) closes the loop
+itself: `hil.comparing.own_loop`.
+
+The methods of others are plug-ins like any other, in `examples/prior-art`.
+"""
 
 import time
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,6 +19,7 @@ from estimator.observer import Estimates, Observer
 from estimator.rotation import Rotation
 from estimator.scaling import Array
 from hil.bench import Bench, override
+from hil.bench.examples import directory
 from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse
 from hil.comparing.record import Given
 from hil.inputs.captured import gaps_of
@@ -191,3 +200,33 @@ class _Level:
             if self.lost is None and sample >= self._guarded and not np.mean(square[part]) <= self._limit:
                 self.lost = sample
         self._seen += len(square)
+
+
+RATE_WITHOUT_OFFSETS = "(a) rate without sense errors, integrated"
+RATE_IDENTIFIED = "(a) rate by modulating functions, integrated"
+WITHOUT_OFFSETS = "(c) control law without sense errors"
+PLUGINS = {
+    RATE_IDENTIFIED: "modulated.py:ModulatedRate",
+    "(b) formula (11) on raw signals": "pattern.py:RawFormula",
+    "(b) formula (11), averaged over a cycle": "pattern.py:AveragedFormula",
+    "(e) Friedland–Hutton": "pattern.py:OrbitalElements",
+}
+
+
+def methods(given: Given) -> list[tuple[str, Callable[[], MethodCourse]]]:
+    """Names, and what runs each."""
+    eleven = with_observer(given.bench, "gyro", given.bench.observer.gain)
+    found: dict[str, Callable[[], MethodCourse]] = {
+        RATE_WITHOUT_OFFSETS: partial(integrated, given, eleven, RATE_WITHOUT_OFFSETS),
+        WITHOUT_OFFSETS: partial(course_of, given, eleven, WITHOUT_OFFSETS, "prior art"),
+    }
+    for name, plugin in PLUGINS.items():
+        found[name] = partial(course_of, given, with_plugin(given.bench, plugin), name, "prior art")
+    return sorted(found.items())
+
+
+def with_plugin(bench: Bench, plugin: str, *, controls: bool = False) -> Bench:
+    """The bench with a plug-in of `examples/prior-art` as its observer, and as its controller if it controls."""
+    named = {"plugin": str(directory() / "prior-art" / plugin)}
+    changes = {"observer": named} | ({"controller": named} if controls else {})
+    return override(bench, changes, bench.device.name or "bench")

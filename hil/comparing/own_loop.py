@@ -12,8 +12,7 @@ from hil.bench import Bench, override
 from hil.bench.classic import PLUGIN
 from hil.boards.emulation import is_emulated, located
 from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse, Reference, parameters_of
-from hil.comparing.observers import with_observer
-from hil.comparing.prior_art import with_plugin
+from hil.comparing.observers import with_observer, with_plugin
 from hil.errors import InputError
 from hil.progress import alarms_only
 from hil.records.estimates import Estimates

@@ -2,6 +2,7 @@
 
 import os
 import resource
+import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -97,3 +98,20 @@ def _group() -> str:
     import grp
 
     return grp.getgrgid(os.getgid()).gr_name
+
+
+NEEDED = (
+    ("arm-none-eabi-gcc", "compiler for boards", "gcc-arm-none-eabi libnewlib-arm-none-eabi"),
+    ("qemu-system-arm", "emulated processor", "qemu-system-arm"),
+)
+"""Command, what it is, the Debian packages that bring it."""
+
+
+def examine_target() -> Iterator[Finding]:
+    """A finding for each of what generated code is measured and tested with."""
+    for command, subject, packages in NEEDED:
+        if found := shutil.which(command):
+            yield Finding(subject, "good", found)
+        else:
+            told = f"no {command}: code for a Cortex-M7 is not measured or tested here"
+            yield Finding(subject, "missing", told, f"sudo apt install {packages}")

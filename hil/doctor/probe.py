@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hil.errors.ending import ending_of
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode, ending_of
 from hil.running import realtime
 from hil.wire import client
 from hil.wire.endpoint import Endpoint

@@ -3,6 +3,10 @@
 import errno
 import os
 import unicodedata
+from collections.abc import Sequence
+from importlib.metadata import EntryPoint
+from pathlib import Path
+from typing import Any
 
 _LONGEST, _END = 900, 300
 _TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
@@ -57,7 +61,7 @@ _PACKAGES = ("hil", "estimator", "device_emulator")
 
 
 def told_to_user(error: BaseException) -> str | None:
-    """What a user has to know about ``error``, or None when the fault is ours (`hil.errors.faults`).
+    """What a user has to know about ``error``, or None when the fault is ours (`hil.errors.ending`).
 
     Known by the package of its class: an emulator's errors come through an entry point, and nothing here may import
     them.
@@ -74,3 +78,37 @@ def told_to_user(error: BaseException) -> str | None:
     if isinstance(error, MemoryError):
         return "out of memory: the given values need more than this machine has"
     return None
+
+
+def require(argument: str, given: object, kind: Any, wanted: str) -> None:
+    """InputError that names the argument where what is given is not of that kind, as isinstance has it; `wanted` is
+    what that is called.
+    """
+    if not isinstance(given, kind):
+        raise InputError(f"{argument}: expected {wanted}, not {'None' if given is None else type(given).__name__}")
+
+
+def path_of(argument: str, given: Any, wanted: str = "a path") -> Path:
+    """What is given, as a path.  Raises InputError where it is none."""
+    require(argument, given, str | os.PathLike, wanted)
+    return Path(given)
+
+
+def names_of(argument: str, given: str | Sequence[str]) -> tuple[str, ...]:
+    """One name or several.  Raises InputError for anything else."""
+    if isinstance(given, str):
+        return (given,)
+    require(argument, given, Sequence, "a name or a list of names")
+    for one in given:
+        require(argument, one, str, "names")
+    return tuple(given)
+
+
+def loaded(entry: EntryPoint, asked: str) -> Any:
+    """The object of an entry point; `asked`: what needs it, as an error begins.  Raises InputError."""
+    try:
+        return entry.load()
+    except Exception as error:  # whatever another package does wrong
+        raise InputError(
+            f"{asked}: {entry.value} cannot be loaded: {error}; mend or remove the package that brings it"
+        ) from error

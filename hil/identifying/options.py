@@ -6,7 +6,7 @@ from annotated_types import Gt, MaxLen
 from typing_extensions import TypedDict
 
 from hil.options import Called, Default, Help, Like, Names
-from hil.records.run_name import RUN_NAME
+from hil.records.kind import RUN_NAME
 
 
 class IdentifyOptions(TypedDict, total=False):

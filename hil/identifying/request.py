@@ -9,14 +9,13 @@ from hil.bench import Bench, load_bench
 from hil.bench.examples import find
 from hil.boards.emulation import is_emulated, located
 from hil.errors import InputError
-from hil.errors.arguments import names_of, require
+from hil.errors.input import names_of, require
 from hil.identifying.advice import Wishes
 from hil.identifying.options import LocalIdentifyOptions
 from hil.identifying.recording import ticks
 from hil.numbers import counted
 from hil.options import chosen
-from hil.records.kind import fresh
-from hil.records.run_name import named_by
+from hil.records.kind import fresh, named_by
 
 
 @dataclass(frozen=True)

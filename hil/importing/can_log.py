@@ -15,12 +15,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.importing.columns import write_columns
+from hil.importing.read_back import write_columns
 from hil.records.capture import Capture, read_capture
 from hil.records.layout import Column
 from hil.records.rates import rates_layout
-from hil.sensors.can_decoder import CanDecoder, declared_decoder
-from hil.sensors.dbc_file import load_dbc
+from hil.sensors.can_decoder import CanDecoder, declared_decoder, load_dbc
 from hil.sensors.declared import can_protocols
 
 if TYPE_CHECKING:

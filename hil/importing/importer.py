@@ -13,7 +13,6 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.importing.can_log import import_can_log, is_can_log
 from hil.importing.channels import CHANNELS, COMPONENTS, SENSED
-from hil.importing.columns import write_columns
 from hil.importing.demodulated import Carrier, carrier_of, on_one_carrier, require_streams
 from hil.importing.mapping import RecordMap, read_map
 from hil.importing.matlab import MatlabSource, is_matlab
@@ -21,7 +20,7 @@ from hil.importing.naming import Asked, asked_of
 from hil.importing.packaged import PackagedSource, reader_of
 from hil.importing.parquet import ParquetSource, is_parquet
 from hil.importing.preparation import prepared
-from hil.importing.read_back import read_back
+from hil.importing.read_back import read_back, write_columns
 from hil.importing.record_time import Remedies, numbered_rows, time_of
 from hil.importing.request import ImportRequest
 from hil.importing.source import Selection, Source, Table, Wanted

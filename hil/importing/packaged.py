@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.errors.package import loaded
+from hil.errors.input import loaded
 from hil.importing.array_source import ArraySource
 from hil.importing.source import Selection, Table, Wanted
 

@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.importing.columns import write_columns
 from hil.importing.source import Selection, Source, Wanted
+from hil.records.atomic import replacing
 from hil.records.capture import Capture, RowFlag, read_capture
 from hil.records.layout import BENCH, TICK, Column, Layout, block_rows_for
+from hil.records.stream import BlockWriter
 
 HEADER = "header"
 """Where the note of an exported capture has the header of the record, without what describes the columns."""
@@ -94,3 +96,27 @@ _LOST: Mapping[str, Callable[[Capture], bool]] = {
 def not_carried(capture: Capture) -> tuple[str, ...]:
     """What a text with columns alone leaves out of this capture, in words."""
     return tuple(words for words, has in _LOST.items() if has(capture))
+
+
+_PIECE_ROWS = 1 << 16
+
+
+def write_columns(
+    target: Path,
+    layout: Layout,
+    columns: Mapping[str, npt.NDArray[np.float64]],
+    tick: npt.NDArray[np.int64] | None = None,
+) -> None:
+    """Write the capture `target`, whole or not at all: the columns of `layout`, (n,) each, at the numbers `tick` (n,),
+    by default from 0 on without a gap.
+    """
+    count = len(next(iter(columns.values())))
+    with replacing(target) as temporary, BlockWriter(temporary, layout) as writer:
+        for start in range(0, count, _PIECE_ROWS):
+            rows = np.empty(min(_PIECE_ROWS, count - start), layout.dtype)
+            stop = start + rows.size
+            rows["tick"] = np.arange(start, stop) if tick is None else tick[start:stop]
+            for name, values in columns.items():
+                rows[name] = values[start:stop]
+            writer.push(rows)
+        writer.close()

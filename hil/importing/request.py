@@ -6,7 +6,7 @@ from typing import get_args
 
 from hil.bench import examples
 from hil.errors import InputError
-from hil.errors.arguments import path_of
+from hil.errors.input import path_of
 from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.options import chosen
 from hil.records.capture import Hold

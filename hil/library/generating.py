@@ -8,8 +8,8 @@ from hil.bench import load_bench as bench_at
 from hil.bench.examples import bench_file
 from hil.boards.identity import identity_at
 from hil.errors import InputError
-from hil.errors.arguments import path_of
-from hil.library.words import said_of_arguments
+from hil.errors.input import path_of
+from hil.library.keywords import said_of_arguments
 from hil.wire.messages import Identity
 from hil.wire.spec import SPEC
 

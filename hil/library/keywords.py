@@ -1,11 +1,15 @@
 """Keywords of a function that are declared once, elsewhere: in its signature and its help, refused where unknown."""
 
 import inspect
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
+from hil.errors import InputError, told_to_user
 from hil.options import Keyword, keywords_of
+from hil.wire.errors import WireError
 
 _Given = ParamSpec("_Given")
 _Answer = TypeVar("_Answer")
@@ -44,3 +48,65 @@ def takes(options: type) -> Callable[[Callable[_Given, _Answer]], Callable[_Give
         return called
 
     return around
+
+
+_COMMAND = r"\bhil [a-z]+ [^;,)`]*"  # stays as it is: it is for a terminal
+_OPTION = re.compile(rf"{_COMMAND}|(?<!\S)--(?P<name>[a-z][A-Za-z0-9]*(?:-[A-Za-z0-9]+)*)\b(?P<place>(?=:))?")
+
+
+def said_of_arguments(function: Callable[_Given, _Answer]) -> Callable[_Given, _Answer]:
+    """A decorator: errors of the function speak of its arguments, see `in_arguments_of`."""
+
+    @wraps(function)
+    def called(*args: _Given.args, **given: _Given.kwargs) -> _Answer:
+        with in_arguments_of(function):
+            return function(*args, **given)
+
+    return called
+
+
+@contextmanager
+def in_arguments_of(function: Callable[..., Any]) -> Iterator[None]:
+    """What a user can mend and is raised inside becomes an InputError that speaks of the arguments of `function`.
+
+    The words come from its signature: `--out` is said as `out=`, `--map` as `mapping=`.  An option that is no argument
+    of it stays an option.  A WireError stays one, and what is no user's fault stays as it is.
+    The verbs of the command line call the same functions: `typed` keeps the options for them.
+    """
+    try:
+        yield
+    except WireError:
+        raise
+    except Exception as error:
+        if (told := told_to_user(error)) is None:
+            raise
+        known = tuple(inspect.signature(function).parameters)
+        raise InputError(_OPTION.sub(lambda found: _argument(found, known), told), typed=told) from None
+
+
+def renamed(**names: str) -> Callable[[Callable[_Given, _Answer]], Callable[_Given, _Answer]]:
+    """A decorator for a function whose arguments have had other names: an old one is refused with the new one."""
+
+    def around(function: Callable[_Given, _Answer]) -> Callable[_Given, _Answer]:
+        @wraps(function)
+        def called(*args: _Given.args, **given: _Given.kwargs) -> _Answer:
+            if (old := next((name for name in names if name in given), None)) is not None:
+                raise InputError(f"{old}: this argument is called {names[old]} now; give {names[old]}={given[old]!r}")
+            return function(*args, **given)
+
+        return called
+
+    return around
+
+
+def _argument(found: re.Match[str], known: tuple[str, ...]) -> str:
+    """The argument for an option: that of its name, or the only one that begins with it, as `duration_s` does with
+    `--duration`.  One that begins the line, `--out: …`, is the place itself.
+    """
+    if found["name"] is None:
+        return found[0]
+    name = found["name"].replace("-", "_")
+    matching = [name] if name in known else [one for one in known if one.startswith(name)]
+    if len(matching) != 1:
+        return found[0]
+    return matching[0] + ("" if found["place"] is not None else "=")

@@ -20,8 +20,8 @@ import numpy.typing as npt
 
 from hil.errors import InputError
 from hil.library.finished_run import ANGLE, RATE, Run, chosen, of_capture, of_estimates, of_innovation
+from hil.library.keywords import in_arguments_of
 from hil.library.series import Series
-from hil.library.words import in_arguments_of
 from hil.progress import Watcher
 from hil.records.blocks import Columns, GrowingFile, rows_of
 from hil.records.capture import Capture

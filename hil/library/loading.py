@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import InputError
-from hil.errors.arguments import path_of
+from hil.errors.input import path_of
 from hil.library.finished_run import Run
+from hil.library.keywords import said_of_arguments
 from hil.library.tracing import Trace
-from hil.library.words import said_of_arguments
 from hil.records.listing import named, named_trace
 from hil.records.runfolder import RunFolder
 

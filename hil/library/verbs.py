@@ -15,17 +15,16 @@ from hil.bench.examples import bench_file
 from hil.characterising.options import LocalCharacteriseOptions
 from hil.comparing.diff import Comparison
 from hil.errors import InputError
-from hil.errors.arguments import names_of, path_of, require
+from hil.errors.input import names_of, path_of, require
 from hil.identifying.options import LocalIdentifyOptions
 from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.library.campaign import Sweep
 from hil.library.finished_run import AttitudeRun, Run
 from hil.library.given import AnyBench, Record, Records, bench_for, captured, observed_bench_for
-from hil.library.keywords import takes
+from hil.library.keywords import in_arguments_of, renamed, said_of_arguments, takes
 from hil.library.live import Live
 from hil.library.loading import folder_of, load_trace
 from hil.library.tracing import Trace
-from hil.library.words import in_arguments_of, renamed, said_of_arguments
 from hil.progress import Watcher, alarms_only
 from hil.records.listing import RUNS
 from hil.records.methods import Methods

@@ -21,7 +21,7 @@ from typing import Any, Literal
 from hil.bench import Bench
 from hil.bench.classic import PLUGIN
 from hil.errors import InputError
-from hil.errors.package import loaded
+from hil.errors.input import loaded
 from hil.plugins.native import HEADER
 from hil.records.atomic import write_text
 from hil.toml.reading import suggestion

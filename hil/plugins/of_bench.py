@@ -134,19 +134,6 @@ def loop_observer(bench: Bench, identity: Identity) -> Observer:
 _SHAPES = {"forces": 2, "pieces": 1, "limit_V": 1}
 
 
-class _Table(ctypes.Structure):
-    """`drive_table_t`"""
-
-    _fields_ = (
-        ("forces", ctypes.c_void_p),
-        ("pieces", ctypes.c_void_p),
-        ("rows", ctypes.c_int64),
-        ("limit_V", ctypes.c_double * 2),
-        ("at", ctypes.c_int64),
-        ("ended", ctypes.c_int64),
-    )
-
-
 class DriveTable(PluginPart):
     """A table of drives, `FILE.npz`: an experiment that is planned before the board is armed, played by C, a row a
     sample from the one on with which the loop is closed.  As observer it estimates nothing.
@@ -155,7 +142,7 @@ class DriveTable(PluginPart):
     sense voltages beyond which the piece at work is not driven to its end.
     """
 
-    size = ctypes.sizeof(_Table)
+    size = ctypes.sizeof(native.Table)
 
     def __init__(self, kinds: Sequence[Kind], name: str, path: Path) -> None:
         super().__init__(kinds, name)
@@ -182,7 +169,7 @@ class DriveTable(PluginPart):
         if np.abs(self._forces).max(initial=0.0) > device.drive_limit_mps2 * (1.0 + 1e-9):
             most = np.abs(self._forces).max()
             raise InputError(f"{self.called}: it asks for {most:g} m/s², the limit is {device.drive_limit_mps2:g} m/s²")
-        table = _Table(self._forces.ctypes.data, self._pieces.ctypes.data, len(self._forces))
+        table = native.Table(self._forces.ctypes.data, self._pieces.ctypes.data, len(self._forces))
         table.limit_V[:] = self._limit.tolist()
         table.ended = -1
         ctypes.memmove(state.lent[at].at, ctypes.byref(table), ctypes.sizeof(table))

@@ -129,7 +129,8 @@ class Compiled(PluginPart):
             ctypes.c_void_p(self._instance), len(figures), ctypes.byref(told)
         ):
             limit = None if math.isnan(told.limit) else told.limit
-            figures.append(Named(_line(told.name)[:31], told.value, _line(told.unit)[:15], limit))
+            name, unit = (_line(ctypes.string_at(words) if words else None) for words in (told.name, told.unit))
+            figures.append(Named(name[:31], told.value, unit[:15], limit))
         return figures
 
     def begin(self, state: PluginState, at: int, device: DeclaredDevice, names: Sequence[str]) -> None:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from hil.errors import InputError
-from hil.records.run_name import checked_name
+from hil.records.kind import checked_name
 from hil.records.text_seal import sealed
 from hil.wire.regular_file import require_regular
 

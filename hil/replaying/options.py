@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 from typing_extensions import TypedDict
 
 from hil.options import Help
-from hil.records.run_name import RunNameOption
+from hil.records.kind import RunNameOption
 
 
 class ReplayOptions(TypedDict, total=False):

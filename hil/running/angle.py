@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from estimator.characteristics.angle_map import Correction, pattern_angle
 from hil.bench import Bench
 from hil.bench.angle_map import read_angle_map
-from hil.inputs.formula import formula_of
+from hil.inputs.declared import formula_of
 from hil.records.table import scored_from_s
 from hil.verdict.uncertainty import Sources
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from hil.bench import Bench
-from hil.running.blocks import BlockLoop
+from hil.running.gain import BlockLoop
 from hil.running.native import Mode, PermitState
 from hil.running.recorder import Track
 from hil.running.skeleton import Setup

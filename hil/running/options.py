@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le, MaxLen
 from typing_extensions import TypedDict
 
 from hil.options import Help
-from hil.records.run_name import RunNameOption
+from hil.records.kind import RunNameOption
 
 
 class RunOptions(TypedDict, total=False):

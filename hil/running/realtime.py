@@ -4,6 +4,7 @@ import ctypes
 import gc
 import os
 import signal
+import sys
 
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_PDEATHSIG, _PR_SET_TIMERSLACK = 1, 29
@@ -42,3 +43,19 @@ def _keep_awake() -> None:
     process ends.  Here it halved the round trip over a pty.
     """
     os.write(os.open(_AWAKE, os.O_WRONLY), bytes(4))  # a 32-bit latency of 0 µs
+
+
+_line = 1
+
+
+def line() -> int:
+    """Its descriptor: standard output, until `keep_line` has been called."""
+    return _line
+
+
+def keep_line() -> None:
+    """From now on what a plug-in or a library prints goes to standard error."""
+    global _line
+    _line = os.dup(1)
+    os.dup2(2, 1)
+    sys.stdout = sys.stderr

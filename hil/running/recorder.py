@@ -25,11 +25,11 @@ from typing import Protocol, Self
 import numpy as np
 import numpy.typing as npt
 
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode
 from hil.records.layout import Layout
 from hil.records.pyramid import KINDS, Pyramid
 from hil.records.stream import BlockWriter
-from hil.running import parent
+from hil.running import realtime
 from hil.running.ring import Ring
 
 _DRAIN_EVERY_S = 0.02
@@ -295,7 +295,7 @@ def _start_child(folder: Path, layouts: Mapping[str, Layout], names: Mapping[str
     command = [sys.executable, "-m", "hil.running.recorder"]
     pipe = subprocess.PIPE
     # Who reads our line up to its end, after we were killed, has thereby waited for the files as well.
-    output = os.dup(parent.line())
+    output = os.dup(realtime.line())
     try:
         # a session of its own: Ctrl-C at the terminal is for the loop, which then closes the record properly
         child = subprocess.Popen(

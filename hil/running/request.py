@@ -11,7 +11,7 @@ from hil.bench import Bench, load_bench, override
 from hil.bench.examples import bench_file
 from hil.boards.emulation import is_emulated, located
 from hil.errors import InputError
-from hil.errors.arguments import path_of, require
+from hil.errors.input import path_of, require
 from hil.options import chosen
 from hil.records.kind import fresh
 from hil.running.beside import require_reference

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from estimator.observer import Estimates, Observer
 from hil.bench import Bench
-from hil.inputs.formula import formula_of
+from hil.inputs.declared import formula_of
 from hil.plugins.plugged import Plugged
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout

@@ -8,7 +8,7 @@ this process is called there.  Every other link is asked through Python for its 
 import ctypes
 import socket
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -42,13 +42,12 @@ from hil.running.native import (
 )
 from hil.running.recorder import Track
 from hil.running.ring import Ring
-from hil.running.rows import row_of, rows_of
 from hil.wire.can_format import CanFormat
 from hil.wire.codec import unpack
 from hil.wire.endpoint import Endpoint
 from hil.wire.fd_link import FdLink
 from hil.wire.link import Link
-from hil.wire.sense import SenseRow
+from hil.wire.sense import COLUMNS, Sense, SenseRow
 from hil.wire.stream import Received
 
 SEEN = 1024
@@ -426,3 +425,25 @@ def _doubles(at: int, rows: int, columns: int) -> NDArray[np.float64]:
 
 def _unheard(*_: Any) -> None:
     """Where nobody listens."""
+
+
+def rows_of(items: Iterable[Received]) -> NDArray[np.void]:
+    """The samples of the SENSE among messages."""
+    parts = [np.zeros(0, ROW)]
+    for tick, _, sense in items:
+        if isinstance(sense, Sense):
+            size = len(sense.codes)
+            part = np.zeros(size, ROW)
+            part["tick"] = np.arange(tick, tick + size)
+            for column, name in enumerate(COLUMNS):
+                part[name] = sense.codes[:, column]
+            part["flags"], part["matrix"] = sense.flags, sense.matrix_id
+            part["left"] = np.arange(size, 0, -1)
+            parts.append(part)
+    return np.concatenate(parts)
+
+
+def row_of(row: np.void) -> SenseRow:
+    """One sample as plain integers."""
+    tick, vx, vy, ux, uy, flags, _, _ = row.tolist()
+    return tick, vx, vy, ux, uy, flags

@@ -22,9 +22,8 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any, Self
 
 from hil.bench import Bench
-from hil.errors.ending import ending_of, line_of
-from hil.errors.exit_codes import ExitCode
-from hil.running import parent, realtime
+from hil.errors.ending import ExitCode, ending_of, line_of
+from hil.running import realtime
 from hil.running.control import LOOKS_PER_S, Control
 from hil.running.load import LoadMeter
 from hil.running.safety import reason_name
@@ -76,7 +75,7 @@ class Order:
 def tell(**line: Any) -> None:
     """One JSON line to the parent; where that does not read, or is gone, it is lost and holds nothing up."""
     with suppress(BlockingIOError, BrokenPipeError):
-        os.write(parent.line(), json.dumps(line).encode() + b"\n")
+        os.write(realtime.line(), json.dumps(line).encode() + b"\n")
 
 
 Say = Callable[..., None]
@@ -134,7 +133,7 @@ def _try_plugins(bench: Bench, identity: Identity, tell: Say, *, own_process: bo
 
     tell(stage="prepare", done=0, total=0, note="the plug-ins are tried")
     if own_process:
-        watch(bench, parent.line())
+        watch(bench, realtime.line())
     return tried(bench, identity)
 
 
@@ -460,7 +459,7 @@ def _kinds(error: BaseException) -> list[str]:
 def main() -> int:
     """Get ready, read the order, carry it out, report."""
     realtime.end_with_parent()
-    parent.keep_line()
+    realtime.keep_line()
     for module in _NEEDED:
         import_module(module)
     order = Order.read()

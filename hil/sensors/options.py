@@ -9,7 +9,7 @@ from annotated_types import Gt, Le, MaxLen
 from typing_extensions import TypedDict
 
 from hil.options import Default, Help
-from hil.records.run_name import RunNameOption
+from hil.records.kind import RunNameOption
 
 
 class RecordOptions(TypedDict, total=False):

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from hil.errors import InputError
-from hil.errors.package import loaded
+from hil.errors.input import loaded
 from hil.sensors.adapter import GROUP, Adapter
 from hil.sensors.declared import can_protocols, protocols
 from hil.sensors.iio import IioGyro
@@ -74,8 +74,7 @@ def find_port(link: str, dbc: Path | None = None) -> Port:
     name, colon, rest = link.partition(":")
     adapter = adapter_called(name, link) if colon and rest.partition("?")[0] else None
     if dbc is not None:
-        from hil.sensors.can_decoder import CanDecoder
-        from hil.sensors.dbc_file import load_dbc
+        from hil.sensors.can_decoder import CanDecoder, load_dbc
 
         if name != "can":
             raise InputError(f"{link}: --dbc {dbc} beside no CAN bus; record can:can0, or leave --dbc out")

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from numbers import Real
 
 from hil.errors import InputError
-from hil.errors.arguments import path_of, require
+from hil.errors.input import path_of, require
 from hil.options import chosen
 from hil.records.atomic import require_name
 from hil.sensors.options import LocalRecordOptions, RecordOptions

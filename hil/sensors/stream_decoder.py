@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from hil.records.layout import Column
 from hil.sensors.adapter import Sample
-from hil.sensors.checksums import CHECKS, fitting, parts_of
 from hil.sensors.declared import Protocol
-from hil.sensors.layouts import Framing, Layout, Reading, framing_of
+from hil.sensors.layouts import CHECKS, Framing, Layout, Reading, fitting, framing_of, parts_of
 
 _OWN_COUNT = 256
 """Values of the count that stands for a counter where the sensor has none."""

@@ -4,13 +4,13 @@ from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager
 from importlib import import_module
 from importlib.metadata import version
+from pathlib import Path
 from typing import Any
 
 from fastapi import APIRouter, FastAPI, Request
 from pydantic import BaseModel
 from starlette.staticfiles import StaticFiles
 
-from hil.service.page_files import PAGE
 from hil.service.problems import Problem, ProblemBody, answer_problems
 from hil.service.security.bodies import Bodies
 from hil.service.security.guard import Guard
@@ -101,3 +101,15 @@ async def audit(request: Request, limit: int = 1000) -> list[dict[str, Any]]:
     if not 1 <= limit <= 10_000:
         raise Problem(422, f"limit: {limit} is not between 1 and 10000", "give a number in that range")
     return service_of(request).audit.entries(limit)
+
+
+PAGE = Path(__file__).parent / "page"
+_FETCHED = ("uPlot.esm.js", "uPlot.min.css")
+
+
+def lacking(page: Path = PAGE) -> str:
+    """One line on what the page in that folder lacks and how to get it, "" where it is complete."""
+    missing = [name for name in _FETCHED if not (page / "vendor" / name).is_file()]
+    if not missing:
+        return ""
+    return f"the page will draw no curves: {' and '.join(missing)} not there; `make install` fetches what is missing"

@@ -14,9 +14,7 @@ from starlette.exceptions import HTTPException
 
 from estimator.errors import ModelError
 from hil.errors import InputError, refusal_of
-from hil.errors.ending import NO_ROOM, ending_of
-from hil.errors.exit_codes import ExitCode
-from hil.errors.faults import fault_line
+from hil.errors.ending import NO_ROOM, ExitCode, ending_of, fault_line
 from hil.errors.refusal import Refusal
 from hil.wire.errors import WireError
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from hil.bench import Bench, load_any_bench
 from hil.errors import InputError
-from hil.records.run_name import RUN_NAME
+from hil.records.kind import RUN_NAME
 from hil.service.bench_files import files, found
 from hil.service.problems import Problem
 from hil.service.routes_runs import catalogue_of

@@ -18,8 +18,8 @@ from hil.records.junit import Case, junit_xml
 from hil.service import series
 from hil.service.catalogue import queries
 from hil.service.catalogue.catalogue import Catalogue, Looked
-from hil.service.catalogue.comparing import compare as compare_runs
 from hil.service.catalogue.entry import Tag
+from hil.service.catalogue.keeping import compare as compare_runs
 from hil.service.catalogue.keeping import kept
 from hil.service.catalogue.queries import Filter, Page
 from hil.service.problems import Problem, Unknown

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hil.errors import InputError
-from hil.service.telemetry.tracks import Tracks
+from hil.service.telemetry.views import Tracks
 
 if TYPE_CHECKING:
     from foxglove.websocket import WebSocketServer

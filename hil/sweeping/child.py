@@ -13,7 +13,7 @@ from dataclasses import asdict
 from types import TracebackType
 from typing import Any
 
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode
 
 
 def main() -> int:

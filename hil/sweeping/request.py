@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from hil.bench.examples import find
 from hil.errors import InputError
-from hil.errors.arguments import path_of, require
+from hil.errors.input import path_of, require
 from hil.options import chosen
 from hil.records.kind import fresh
 from hil.records.listing import RUNS

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from hil.errors import InputError
 from hil.progress import Progress, Watcher
-from hil.sweeping import cluster, local
+from hil.sweeping import cluster, process
 from hil.sweeping.kept import Kept
 from hil.sweeping.plan import Plan
 from hil.sweeping.tasks import Done, Tasks
@@ -79,7 +79,7 @@ def sweep(
 def _done(kept: Kept, plan: Tasks, workers: int | None, scheduler: str | None, say: "cluster.Say") -> Iterator[Done]:
     if scheduler is None:
         tasks = (plan.task(number, str(kept.work)) for number in list(kept.to_do()))
-        return local.carry_out_all(tasks, workers or local.cores())
+        return process.carry_out_all(tasks, workers or process.cores())
     return cluster.carry_out_all(
         lambda: (plan.task(number) for number in list(kept.to_do())), plan.program, scheduler, say
     )

@@ -10,7 +10,7 @@ from annotated_types import Gt, Lt, MaxLen
 from typing_extensions import TypedDict
 
 from hil.options import Default, Help, Names
-from hil.records.run_name import RunNameOption
+from hil.records.kind import RunNameOption
 
 
 class TraceOptions(TypedDict, total=False):

@@ -8,7 +8,7 @@ from pathlib import Path
 from hil.bench import Bench, RateSensorBench, load_any_bench, override
 from hil.bench.examples import bench_file
 from hil.errors import InputError
-from hil.errors.arguments import names_of, require
+from hil.errors.input import names_of, require
 from hil.options import chosen
 from hil.tracing.options import TraceOptions
 

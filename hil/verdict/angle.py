@@ -9,7 +9,7 @@ import numpy as np
 
 from hil.bench import Bench
 from hil.bench.classic import CLASSIC
-from hil.inputs.formula import formula_of
+from hil.inputs.declared import formula_of
 from hil.numbers import percent, quantity
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution, Part, Result

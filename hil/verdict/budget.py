@@ -16,7 +16,7 @@ from estimator.uncertainty import SinceZero
 from hil.bench import Bench
 from hil.bench.calibration import SYMBOLS
 from hil.bench.classic import PLUGIN as CLASSIC
-from hil.inputs.formula import formula_of
+from hil.inputs.declared import formula_of
 from hil.numbers import quantity, significant
 from hil.records.coverage import COVERAGE, SD_95
 from hil.records.estimates import Estimates

@@ -18,9 +18,9 @@ import can
 from can.interfaces import BACKENDS
 
 from hil.wire.can_format import BRS, CAN, FDF, HEAD, RECORD_SIZE, CanFormat
-from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import HOST, FrameFormat, Sender
+from hil.wire.link import Claim
 from hil.wire.link_name import CanAdapter, CanInterface
 
 LISTEN_S = 0.05

@@ -13,10 +13,10 @@ from contextlib import suppress
 from pathlib import Path
 
 from hil.wire.can_format import CAN, FDF, RECORD_SIZE, CanFormat
-from hil.wire.claim import Claim
 from hil.wire.datagram_link import DatagramLink, Source
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import BOARD, HOST, Sender
+from hil.wire.link import Claim
 
 LISTEN_S = 0.05
 """How long a host listens for another one before it speaks."""

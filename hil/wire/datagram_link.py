@@ -14,9 +14,9 @@ from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
-from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed
 from hil.wire.frame_format import FrameFormat
+from hil.wire.link import Claim
 
 BATCH = 256
 """Datagrams taken in one call at most."""

@@ -1,7 +1,10 @@
 """What every link does: bytes in, bytes out."""
 
+import errno
+import socket
 from typing import Protocol
 
+from hil.wire.errors import LinkError
 from hil.wire.frame_format import FrameFormat
 from hil.wire.serial_format import SERIAL
 
@@ -64,3 +67,25 @@ class BoardLink(Link, Protocol):
     def await_host(self) -> None:
         """After LinkClosed: be ready for another host."""
         ...
+
+
+class Claim:
+    """A name that only one process on this machine (in this network namespace) holds; gone with the process.
+
+    Raises:
+        LinkError: somebody holds it.
+    """
+
+    def __init__(self, what: str, link: str, remedy: str) -> None:
+        self._holder = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            self._holder.bind(f"\0gyrohil/{what}")  # an abstract name: no file to be left behind
+        except OSError as error:
+            self._holder.close()
+            raise LinkError(
+                f"{link}: {remedy if error.errno == errno.EADDRINUSE else error.strerror or error}"
+            ) from None
+
+    def release(self) -> None:
+        """Let the next one have it; a second call does nothing."""
+        self._holder.close()

@@ -14,15 +14,14 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from hil.wire.claim import Claim
 from hil.wire.datagram_link import DatagramLink, Source
 from hil.wire.errors import LinkError
 from hil.wire.frame_format import HOST, Sender
 from hil.wire.key_file import read_key
-from hil.wire.keyed import KeyedBoard, KeyedHost
+from hil.wire.keyed import Address, Heard, KeyedBoard, KeyedHost, Peer, PlainBoard, PlainHost
+from hil.wire.link import Claim
 from hil.wire.link_name import UdpGroup
 from hil.wire.serial_format import SERIAL
-from hil.wire.session import Address, Heard, Peer, PlainBoard, PlainHost
 
 _BUFFER = 1 << 22  # bytes to hold while a reader is away; the system may allow less
 _IP_MULTICAST_ALL = 49

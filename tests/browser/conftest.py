@@ -10,7 +10,7 @@ import pytest
 from playwright.sync_api import Browser, expect, sync_playwright
 
 from hil.bench.examples import find
-from hil.service.page_files import lacking
+from hil.service.app import lacking
 from tests.browser.bench_page import LOCKSTEP, PATIENT, BenchPage
 from tests.service.serving import Serving, serving
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from hil import cli
-from hil.errors import exit_codes, faults
-from hil.errors.faults import fault_line, is_fault, kept_fault
+from hil.errors import ending
+from hil.errors.ending import fault_line, is_fault, kept_fault
 from tests.cli.conftest import Hil
 
 REFERENCE = Path(__file__).parents[2] / "docs" / "reference" / "cli.md"
@@ -38,7 +38,7 @@ def test_a_fault_is_one_line_and_its_traceback_a_file(
 def test_a_fault_that_cannot_be_written_is_printed(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(faults.tempfile, "mkstemp", lambda **_: (_ for _ in ()).throw(OSError(28, "no space")))
+    monkeypatch.setattr(ending.tempfile, "mkstemp", lambda **_: (_ for _ in ()).throw(OSError(28, "no space")))
     assert kept_fault(KeyError("x")).endswith("; please report it with the lines above")
     assert "KeyError" in capsys.readouterr().err
 
@@ -52,7 +52,7 @@ def test_a_line_knows_whether_it_speaks_of_a_fault() -> None:
 def test_every_code_is_told_on_the_page_and_in_the_help(hil: Hil) -> None:
     _, out, _ = hil("--help")
     page = REFERENCE.read_text(encoding="utf-8")
-    for code in exit_codes.ExitCode:
+    for code in ending.ExitCode:
         assert f"| {code.value} |" in page
         assert f" {code.value} " in " ".join(out.partition("Exit codes:")[2].split()).join("  ")
 

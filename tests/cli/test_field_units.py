@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench, load_bench, override
-from hil.bench.field_units import FIELD_UNITS, other_keys
+from hil.bench.section import FIELD_UNITS, other_keys
 from hil.bench.template import keys, missing, put_in, sections, template, values_of
 from hil.toml.reading import parse_table
 from tests.cli.conftest import Hil

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil import cli
-from hil.doctor import link, machine, ports, target
+from hil.doctor import link, machine, ports
 from hil.doctor.finding import Finding
 from hil.doctor.link import capacity, wire_rate_Hz
 
@@ -56,9 +56,9 @@ def test_a_fit_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_a_board_in_qemu_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda command: f"/usr/bin/{command}")
-    assert [finding.state for finding in target.examine()] == ["good"] * 2
+    assert [finding.state for finding in machine.examine()] == ["good"] * 2
     monkeypatch.setattr("shutil.which", lambda _: None)
-    compiler, emulator = target.examine()
+    compiler, emulator = machine.examine()
     assert compiler.remedy == "sudo apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"
     assert emulator.remedy == "sudo apt install qemu-system-arm"
 

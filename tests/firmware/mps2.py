@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.doctor.target import NEEDED
+from hil.doctor.machine import NEEDED
 
 MPS2 = Path(__file__).parents[2] / "firmware" / "mps2"
 REQUIRED = "HIL_REQUIRE_QEMU"

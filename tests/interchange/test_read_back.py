@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.exporting.exporter import export
-from hil.importing.columns import write_columns
 from hil.importing.importer import import_record
+from hil.importing.read_back import write_columns
 from hil.records.capture import Capture, board_layout, import_layout, read_capture
 from hil.records.stream import BlockWriter
 

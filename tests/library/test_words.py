@@ -14,7 +14,7 @@ import hil
 from estimator.errors import ModelError
 from hil.cli.app import VERBS
 from hil.errors import InputError, told_to_user
-from hil.library.words import in_arguments_of
+from hil.library.keywords import in_arguments_of
 from hil.wire.errors import LinkError
 
 ROOT = Path(hil.__file__).parent

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from benchmarks.comparison.summary import pooled, rivalry
-from hil.comparing.prior_art import RATE_IDENTIFIED
+from hil.comparing.observers import RATE_IDENTIFIED
 from hil.records.methods import MethodRow, Methods
 
 

@@ -5,14 +5,14 @@ from types import SimpleNamespace
 import pytest
 
 from estimator.diagnosis import Interval
-from hil.report.diagnosis import intervals
+from hil.report.diagnosis import evidence
 from hil.report.numbering import inline_svg
 from hil.report.theme import drawing_style
 
 
 def drawn(**coefficients: Interval):
     with drawing_style():
-        return intervals.intervals_figure(
+        return evidence.intervals_figure(
             SimpleNamespace(found=SimpleNamespace(effects=[SimpleNamespace(coefficients=coefficients)]))
         )
 

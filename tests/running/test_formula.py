@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from hil.bench import Bench
-from hil.inputs.formula import formula_of
+from hil.inputs.declared import formula_of
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import run

@@ -15,7 +15,7 @@ from hil.errors import InputError
 from hil.records.capture import RowFlag
 from hil.records.runfolder import RunFolder
 from hil.running import run as whole
-from hil.running.blocks import BlockLoop
+from hil.running.gain import BlockLoop
 from hil.running.preflight import require_suitable
 from hil.running.request import RunRequest
 from hil.running.skeleton import BeyondLimits

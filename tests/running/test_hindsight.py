@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.running import hindsight
+from hil.running import force
 from hil.wire.messages import ClockMode
 from tests.running import gyro
 from tests.running.closed import HandPaced, angle_errors, board, close_loop
@@ -27,6 +27,6 @@ def error_rad(folder: Path) -> float:
 @pytest.mark.slow
 def test_what_was_held_while_a_sample_was_missing_is_found_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     knowing = error_rad(tmp_path / "knowing")
-    monkeypatch.setattr(hindsight, "MARGIN", np.inf)
+    monkeypatch.setattr(force, "MARGIN", np.inf)
     assert knowing < 0.5 * error_rad(tmp_path / "not-knowing")
     assert knowing < 5e-3

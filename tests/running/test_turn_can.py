@@ -19,10 +19,10 @@ from hil.running import turn
 from hil.running.native import Kind
 from hil.wire.can_format import FDF, HEAD, RECORD_SIZE, CanFormat
 from hil.wire.can_link import CLASSIC_SIZE, CanLink
-from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed
 from hil.wire.frame_format import BOARD, HOST
 from hil.wire.inproc import InprocLink
+from hil.wire.link import Claim
 from hil.wire.messages import ClockMode
 from tests.running import gyro
 from tests.running.closed import close_loop

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from device_emulator.gyros import GYROS, Motion, crc32, stim, stream
-from hil.sensors.checksums import CHECKS
+from hil.sensors.layouts import CHECKS
 from tests.sensors.golden import SIZE, Stim300, golden, remainder
 
 # Written down once, so that code and hand calculation cannot drift together.

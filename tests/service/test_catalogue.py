@@ -25,8 +25,8 @@ from hil.records.occupied import is_occupied, occupied
 from hil.records.text_seal import sealed
 from hil.service.catalogue import queries
 from hil.service.catalogue.catalogue import Catalogue, Conflict
-from hil.service.catalogue.comparing import compare
 from hil.service.catalogue.entry import id_of
+from hil.service.catalogue.keeping import compare
 from hil.service.catalogue.schema import MIGRATIONS
 from hil.service.problems import Unknown
 from tests.forked import hil_says

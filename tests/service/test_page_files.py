@@ -10,7 +10,7 @@ import pytest
 
 from hil.records.diagnosis import Diagnosis
 from hil.records.result import RunVerdict
-from hil.service.page_files import PAGE, lacking
+from hil.service.app import PAGE, lacking
 from tests.service.serving import Serving
 
 OURS = sorted(path for path in PAGE.iterdir() if path.is_file())

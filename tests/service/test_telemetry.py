@@ -22,8 +22,7 @@ from hil.records.frame import Frame
 from hil.records.layout import TICK, Column, Layout
 from hil.running.ring import Ring
 from hil.service.telemetry.hub import Hub
-from hil.service.telemetry.tracks import History, Tracks
-from hil.service.telemetry.views import AskSpectrum, Roll, SpectrumView
+from hil.service.telemetry.views import AskSpectrum, History, Roll, SpectrumView, Tracks
 from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
 from tests.service.live_client import live
 from tests.service.serving import Serving, serving

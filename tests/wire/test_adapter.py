@@ -11,9 +11,9 @@ import pytest
 from hil.wire import can_adapter
 from hil.wire.can_adapter import AdapterLink, message_of, open_adapter, open_bus, record_of
 from hil.wire.can_format import CanFormat
-from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import HOST
+from hil.wire.link import Claim
 from hil.wire.link_name import CanAdapter
 from hil.wire.messages import Arm, Hello
 from hil.wire.stream import Transmitter

@@ -14,9 +14,9 @@ import pytest
 from hil.wire import can_link
 from hil.wire.can_format import CanFormat
 from hil.wire.can_link import CanLink
-from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
 from hil.wire.frame_format import HOST
+from hil.wire.link import Claim
 from hil.wire.links import open_link
 from hil.wire.messages import Hello, Safe
 from hil.wire.stream import Transmitter

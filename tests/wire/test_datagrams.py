@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
-from hil.wire.claim import Claim
 from hil.wire.datagram_link import DatagramLink
 from hil.wire.errors import LinkClosed
+from hil.wire.link import Claim
 from hil.wire.serial_format import SERIAL
 
 FOREIGN = b"foreign"

@@ -11,9 +11,23 @@ from pathlib import Path
 import pytest
 
 from hil.wire import keyed
-from hil.wire.keyed import OPEN, OPEN_HEAD, TAG_SIZE, Incoming, KeyedBoard, KeyedHost, Outgoing
+from hil.wire.keyed import (
+    LEFT,
+    OPEN,
+    OPEN_HEAD,
+    PEER_S,
+    TAG_SIZE,
+    Heard,
+    Incoming,
+    KeyedBoard,
+    KeyedHost,
+    Outgoing,
+    Peer,
+    PlainBoard,
+    PlainHost,
+    is_hello,
+)
 from hil.wire.messages import Arm, Hello, Message
-from hil.wire.session import LEFT, PEER_S, Heard, Peer, PlainBoard, PlainHost, is_hello
 from hil.wire.stream import Transmitter
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(range(1, 33))

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from hil.wire.claim import Claim
 from hil.wire.errors import LinkClosed, LinkError
+from hil.wire.link import Claim
 from hil.wire.pty_link import open_pty
 
 

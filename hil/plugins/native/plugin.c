@@ -16,9 +16,9 @@ EXPORT void plugin_sizes(int64_t sizes[7])
     sizes[1] = sizeof(gyro_plugin_sample);
     sizes[2] = sizeof(gyro_plugin_estimate);
     sizes[3] = sizeof(gyro_plugin_drive);
-    sizes[4] = sizeof(plugin_t);
-    sizes[5] = sizeof(watch_t);
-    sizes[6] = sizeof(gyro_plugin_trims);
+    sizes[4] = sizeof(gyro_plugin_trims);
+    sizes[5] = sizeof(plugin_t);
+    sizes[6] = sizeof(watch_t);
 }
 
 EXPORT int64_t plugin_watch(const watch_t *asked)

@@ -1,4 +1,4 @@
-/* What Python and the step of a plug-in share. hil/plugins/native/__init__.py has the same, and compares the sizes. */
+/* What Python and the step of a plug-in share. hil/plugins/native/__init__.py reads it. */
 
 #ifndef PLUGIN_STRUCTS_H
 #define PLUGIN_STRUCTS_H

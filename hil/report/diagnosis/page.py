@@ -20,9 +20,9 @@ from hil.report.diagnosis.evidence import (
     evidence_figure,
     held_out_figure,
     held_out_spectrum_figure,
+    intervals_figure,
     residual_level_figure,
 )
-from hil.report.diagnosis.intervals import intervals_figure
 from hil.report.diagnosis.material import Material
 from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures

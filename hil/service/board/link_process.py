@@ -19,8 +19,7 @@ from contextlib import suppress
 from typing import Any
 
 from hil.errors import InputError
-from hil.errors.ending import line_of
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode, line_of
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, WireError

@@ -15,7 +15,7 @@ from hil.errors import InputError
 from hil.identifying.options import IdentifyOptions
 from hil.importing.options import ImportOptions
 from hil.options import with_fields
-from hil.records.run_name import RUN_NAME
+from hil.records.kind import RUN_NAME
 from hil.replaying.options import ReplayOptions
 from hil.running.options import RunOptions
 from hil.sensors.options import RecordOptions

@@ -17,8 +17,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from hil.errors.ending import ending_of
-from hil.errors.exit_codes import ExitCode
+from hil.errors.ending import ExitCode, ending_of
 from hil.errors.interruption import interrupt
 from hil.progress import Progress
 from hil.records.atomic import write_text

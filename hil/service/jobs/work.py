@@ -110,11 +110,11 @@ def _sweep(order: dict[str, Any], out: Path, _: Path, __: Said, progress: Watche
     from collections import Counter
 
     from hil.library.campaign import carried_out
-    from hil.sweeping import local
+    from hil.sweeping import process
     from hil.sweeping.request import request_of
 
     options: Any = chosen(SweepOptions, order)
-    options["workers"] = options["workers"] or max(local.cores() // 2, 1)
+    options["workers"] = options["workers"] or max(process.cores() // 2, 1)
     request = request_of(order["campaign"], options, called=order["typed"])
     plan = request.plan
     swept = carried_out(replace(request, folder=out / plan.campaign.name), progress)

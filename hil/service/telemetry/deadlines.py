@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from hil.service.telemetry.tracks import Track
+from hil.service.telemetry.views import Track
 from hil.wire.messages import SenseFlags
 
 _RECENT = 1 << 13  # answers among which that to a sample is looked for

@@ -15,8 +15,7 @@ from hil.records.coverage import COVERAGE
 from hil.records.innovation import steady
 from hil.service.telemetry.deadlines import Deadlines
 from hil.service.telemetry.deadlines import told as deadlines
-from hil.service.telemetry.tracks import Track, Tracks
-from hil.service.telemetry.views import Rolls
+from hil.service.telemetry.views import Rolls, Track, Tracks
 
 LOOKS_PER_S = 50.0
 _LOG = logging.getLogger(__name__)
