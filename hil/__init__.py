@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from hil.library.generating import generate as generate
     from hil.library.live import Block as Block
     from hil.library.live import Live as Live
+    from hil.library.loading import Trace as Trace
     from hil.library.loading import load as load
     from hil.library.loading import load_trace as load_trace
     from hil.library.series import Series as Series
     from hil.library.sheets import Sheet as Sheet
-    from hil.library.tracing import Trace as Trace
     from hil.library.verbs import characterise as characterise
     from hil.library.verbs import compare as compare
     from hil.library.verbs import diff as diff
@@ -73,10 +73,9 @@ _OFFERED = {
     "hil.library.finished_run": ("Run",),
     "hil.library.generating": ("generate",),
     "hil.library.live": ("Block", "Live"),
-    "hil.library.loading": ("load", "load_trace"),
+    "hil.library.loading": ("Trace", "load", "load_trace"),
     "hil.library.series": ("Series",),
     "hil.library.sheets": ("Sheet",),
-    "hil.library.tracing": ("Trace",),
     "hil.library.verbs": (
         "characterise", "compare", "diff", "dry_run", "export", "identify", "import_record", "load_bench", "record",
         "replay", "run", "score", "sweep", "trace",

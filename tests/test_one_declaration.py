@@ -83,7 +83,7 @@ STRUCTURE = {
     # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
     "estimator/trace/symmetries.py",
     "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
-    "hil/toml/text.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
+    "hil/toml/reading.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
     "estimator/rate_sensor/surroundings.py", "hil/generating/estimator_files.py",
 }  # fmt: skip
 

@@ -9,7 +9,7 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from hil.bench.template import meaning
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 
 _PART = re.compile(r"<!-- generated: (\w+) -->\n.*?<!-- end -->", re.DOTALL)
 _WORDS = {"number": "number", "integer": "whole number", "string": "text", "boolean": "true, false"}

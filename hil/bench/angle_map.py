@@ -10,8 +10,7 @@ from pydantic import BeforeValidator, Field
 from estimator.characteristics.angle_map import AngleMap
 from hil.bench.section import NotNegative, Section, as_tuple
 from hil.records.atomic import write_text
-from hil.toml.reading import parse_table, read_table
-from hil.toml.text import toml_value
+from hil.toml.reading import parse_table, read_table, toml_value
 
 Four = Annotated[tuple[float, float, float, float], BeforeValidator(as_tuple)]
 _NONE = (0.0, 0.0, 0.0, 0.0)

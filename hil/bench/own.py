@@ -8,8 +8,7 @@ from pydantic import BeforeValidator, ConfigDict, Field, WithJsonSchema, model_v
 from estimator.custom import Coefficient, Declaration, Parameter
 from estimator.errors import ModelError
 from hil.bench.section import Positive, Section, as_tuple
-from hil.toml.reading import suggestion
-from hil.toml.text import toml_key, toml_value
+from hil.toml.reading import suggestion, toml_key, toml_value
 
 GROUP = "hil.effects"
 """Entry points of packages that bring effects."""

@@ -12,7 +12,7 @@ from hil.bench.modes import Modes
 from hil.bench.own import Effects, own_table
 from hil.bench.section import Section, other_keys
 from hil.records.units import unit_of
-from hil.toml.text import toml_key, toml_value
+from hil.toml.reading import toml_key, toml_value
 
 Values = Mapping[str, Mapping[str, Any]]
 

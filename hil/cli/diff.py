@@ -90,6 +90,6 @@ def _number(value: float | None) -> str:
 
 
 def _value(value: Any) -> str:
-    from hil.toml.text import toml_value
+    from hil.toml.reading import toml_value
 
     return "not given" if value is None else toml_value(value)

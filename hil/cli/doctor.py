@@ -11,7 +11,7 @@ DoctorLink = Annotated[
 ]
 
 if TYPE_CHECKING:
-    from hil.doctor.finding import Finding
+    from hil.doctor.machine import Finding
 
 _STYLES = {"good": "green", "missing": "yellow", "bad": "red"}
 

@@ -11,9 +11,8 @@ from estimator.scaling import Array
 from estimator.settings import ControllerSettings, Device, ObserverSettings
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.inputs.captured import Samples, control_of, drives_of, samples_of
+from hil.inputs.captured import Samples, at_rest, control_of, drives_of, samples_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
-from hil.inputs.trimmed import at_rest
 from hil.progress import alarms_only
 from hil.records.capture import Capture
 from hil.records.result import Scan

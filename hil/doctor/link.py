@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from hil.boards.emulation import is_emulated, served
 from hil.doctor import ports
-from hil.doctor.finding import Finding
+from hil.doctor.machine import Finding
 from hil.errors import InputError
 from hil.running import line_workers
 from hil.wire.can_format import ROOM

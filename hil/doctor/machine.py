@@ -6,9 +6,21 @@ import shutil
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Literal, NamedTuple
 
-from hil.doctor.finding import Finding
 from hil.running import line_workers
+
+State = Literal["good", "missing", "bad"]
+
+
+class Finding(NamedTuple):
+    """`missing` costs something that can be had; `bad` stops the link that was asked for. `remedy` is one line."""
+
+    subject: str
+    state: State
+    told: str
+    remedy: str = ""
+
 
 AWAKE = Path("/dev/cpu_dma_latency")
 _LIMITS = "/etc/security/limits.d/gyrohil.conf"

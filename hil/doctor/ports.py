@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hil.doctor.finding import Finding
+from hil.doctor.machine import Finding
 
 USB_SERIAL = Path("/sys/bus/usb-serial/devices")
 LATENCY_MS = 1

@@ -12,8 +12,7 @@ from hil.errors import InputError
 from hil.importing.read_back import HEADER, header_of, not_carried
 from hil.records.blocks import scan_blocks
 from hil.records.capture import COMPONENTS, Capture, RowFlag, read_capture
-from hil.records.estimates import read_estimates
-from hil.records.innovation import read_innovation
+from hil.records.estimates import read_estimates, read_innovation
 from hil.records.rates import beside_rates, rates_rad_s
 from hil.records.units import unit_of
 

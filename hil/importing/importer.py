@@ -1,9 +1,19 @@
 """`hil import`: a record from elsewhere becomes a capture, whole or not at all.
 
 One way leads from every kind of source to a capture: columns by name, time, rows that are lost, units, preparation.
+
+Formats that other packages read: entry points of the group `hil.importers`, called as the files' names end.
+
+    [project.entry-points."hil.importers"]
+    mf4 = "my_package.mf4:columns"
+
+The function takes a path and returns the file's columns, arrays (n,) by name; the rest of an import is the bench's:
+what the columns are (a map), time, gaps, units.
 """
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,23 +21,66 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
+from hil.errors.input import loaded
 from hil.importing.can_log import import_can_log, is_can_log
 from hil.importing.channels import CHANNELS, COMPONENTS, SENSED
 from hil.importing.demodulated import Carrier, carrier_of, on_one_carrier, require_streams
 from hil.importing.mapping import RecordMap, read_map
 from hil.importing.matlab import MatlabSource, is_matlab
 from hil.importing.naming import Asked, asked_of
-from hil.importing.packaged import PackagedSource, reader_of
 from hil.importing.parquet import ParquetSource, is_parquet
 from hil.importing.preparation import prepared
 from hil.importing.read_back import read_back, write_columns
 from hil.importing.record_time import Remedies, numbered_rows, time_of
 from hil.importing.request import ImportRequest
-from hil.importing.source import Selection, Source, Table, Wanted
+from hil.importing.source import ArraySource, Selection, Source, Table, Wanted
 from hil.importing.suspicious import require_finite, require_measured, require_no_thousands
 from hil.importing.text_source import TextSource
 from hil.records.capture import Capture, Hold, import_layout, read_capture
 from hil.wire.regular_file import what_instead
+
+GROUP = "hil.importers"
+
+Reader = Callable[[Path], Mapping[str, npt.ArrayLike]]
+
+
+class PackagedSource(ArraySource):
+    """The columns that another package reads from a file.  Raises InputError where it cannot."""
+
+    def __init__(self, path: Path, reader: Reader) -> None:
+        self.kind = f"a {path.suffix} file"
+        try:
+            super().__init__(dict(reader(path)), str(path))
+        except Exception as error:  # whatever another package does wrong
+            raise InputError(f"{path}: the package that reads {path.suffix} files cannot: {error}") from error
+
+    def read(self, wanted: Sequence[Wanted], selection: Selection) -> Table:
+        """Those columns; errors name the file."""
+        try:
+            return super().read(wanted, selection)
+        except InputError as error:
+            told = str(error)
+            raise InputError(told if told.startswith(self.called) else f"{self.called}: {told}") from None
+
+    def place(self, row: int, column: str) -> str:
+        """File, row from 1 and column."""
+        return f"{self.called}: row {row + 1}: column {column}"
+
+
+def endings() -> tuple[str, ...]:
+    """How names of files end that packages read, with the dot."""
+    return tuple(sorted({f".{one.name}" for one in entry_points(group=GROUP) if re.fullmatch("[a-z0-9]+", one.name)}))
+
+
+def reader_of(path: Path) -> Reader | None:
+    """Who reads files whose names end as this one's; None where no package does.
+
+    Raises InputError for a package that cannot be loaded.
+    """
+    suffix = path.suffix.removeprefix(".")
+    entry = next((one for one in entry_points(group=GROUP) if suffix and one.name == suffix), None)
+    return None if entry is None else loaded(entry, str(path))
+
 
 PLAIN = RecordMap(hold="zoh")
 """What is done without a map."""

@@ -4,14 +4,13 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from hil.errors import InputError
-from hil.importing.array_source import ArraySource
 from hil.importing.channels import CHANNELS, dimension_of, fault_in, near_channel
 from hil.importing.demodulated import CARRIER, Carrier, components_fault
 from hil.importing.mapping import Addend, RecordMap, Time
 from hil.importing.mapping import Source as Entry
 from hil.importing.matlab import MatlabSource
 from hil.importing.parquet import ParquetSource
-from hil.importing.source import Source
+from hil.importing.source import ArraySource, Source
 from hil.importing.text_source import TextSource
 
 _OURS = ("tick", "flags")

@@ -9,7 +9,7 @@ from hil.errors import InputError
 from hil.importing.mapping import OF_TEXT, RecordMap
 from hil.importing.text_cells import Cells, NotCells, with_e
 from hil.importing.text_lines import beginning_of
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 
 _DELIMITERS = (",", ";", "\t", "|", " ")
 _COMMENTS = ("#", "%", "//", "!", "*", "'", ";")

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 
 from hil.importing.mapping import RecordMap
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 
 _LONGEST, _LONGEST_WORD = 131_072, 24
 THOUSANDS = (",", ".", "'", "\u2019", " ", "\u00a0", "\u202f")

@@ -11,7 +11,7 @@ from hil.importing.mapping import LONGEST_COMMENT, Name, RecordMap
 from hil.importing.source import Selection, Table, Values, Wanted, among, position
 from hil.importing.text_cells import Cells, NotCells, extra_cells, remedy_for, shown
 from hil.importing.text_lines import pieces
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 
 _EXACT = 15
 """Digits that a float has for certain."""

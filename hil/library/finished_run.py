@@ -10,8 +10,7 @@ from hil.errors import InputError
 from hil.library.series import Series
 from hil.records.attitude import AttitudeRecord, AttitudeResult, load_attitude_result, read_attitude
 from hil.records.capture import Capture
-from hil.records.estimates import Estimates
-from hil.records.innovation import Innovation
+from hil.records.estimates import Estimates, Innovation
 from hil.records.runfolder import RunFolder
 from hil.records.units import unit_of
 

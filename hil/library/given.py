@@ -11,13 +11,13 @@ import numpy.typing as npt
 from hil.bench import Bench, RateSensorBench, load_any_bench
 from hil.bench.examples import bench_file
 from hil.errors import InputError
-from hil.importing.array_source import ArraySource
 from hil.importing.demodulated import carrier_of
 from hil.importing.importer import import_from, require_keys_act
 from hil.importing.mapping import read_map
 from hil.importing.options import ImportOptions
 from hil.importing.record_time import Remedies
 from hil.importing.request import map_of, require_hold
+from hil.importing.source import ArraySource
 from hil.library.finished_run import Run
 from hil.library.loading import folder_of
 from hil.library.series import Series

@@ -25,8 +25,7 @@ from hil.library.series import Series
 from hil.progress import Watcher
 from hil.records.blocks import Columns, GrowingFile, rows_of
 from hil.records.capture import Capture
-from hil.records.estimates import Estimates
-from hil.records.innovation import Innovation
+from hil.records.estimates import Estimates, Innovation
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 

@@ -23,8 +23,7 @@ from hil.library.finished_run import AttitudeRun, Run
 from hil.library.given import AnyBench, Record, Records, bench_for, captured, observed_bench_for
 from hil.library.keywords import in_arguments_of, renamed, said_of_arguments, takes
 from hil.library.live import Live
-from hil.library.loading import folder_of, load_trace
-from hil.library.tracing import Trace
+from hil.library.loading import Trace, folder_of, load_trace
 from hil.progress import Watcher, alarms_only
 from hil.records.listing import RUNS
 from hil.records.methods import Methods

@@ -16,8 +16,8 @@ from estimator.declared_loop import DeclaredLoop
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.errors import InputError
+from hil.inputs.captured import declared_electrodes
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
-from hil.inputs.trimmed import declared_electrodes
 from hil.numbers import quantity
 from hil.plugins import native
 from hil.plugins.finding import Kind, called

@@ -1,6 +1,7 @@
 """Files that are either whole or absent."""
 
 import errno
+import fcntl
 import os
 import tempfile
 import time
@@ -130,3 +131,34 @@ def _umask() -> int:
     mask = os.umask(0o077)
     os.umask(mask)
     return mask
+
+
+@contextmanager
+def occupied(folder: Path) -> Iterator[None]:
+    """Hold the folder for the length of the block. Where the file system has no locks, nobody is told."""
+    descriptor = None
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        fcntl.flock(descriptor, fcntl.LOCK_EX)  # others hold it for the moment in which they ask
+    try:
+        yield
+    finally:
+        if descriptor is not None:
+            os.close(descriptor)
+
+
+def is_occupied(folder: Path) -> bool:
+    """Whether somebody holds it."""
+    try:
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except OSError:
+        return False
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        os.close(descriptor)
+    return False

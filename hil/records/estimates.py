@@ -1,14 +1,21 @@
-"""`estimates.arrow`: the observer's state with its standard deviations, and the angle, every few samples."""
+"""`estimates.arrow`: the observer's state with its standard deviations, and the angle, every few samples.
 
-from collections.abc import Mapping, Sequence
+`covariance.arrow`: the whole covariance of what is estimated, every so many samples, at ticks of the estimates.
+
+With it and a truth the normalised estimation error squared of a run can be computed from its folder alone.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cache, cached_property
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.blocks import pieces_of
 from hil.records.layout import TICK, Column, Layout, block_rows_for
+from hil.records.quantiles import quantiles
 from hil.records.table import Table, scored_from_s
 from hil.records.units import unit_of
 
@@ -139,3 +146,166 @@ def board_estimates_layout(
     declared = {name: header[name] for name in _DECLARED}
     full_header = {"tick_rate_Hz": tick_rate_Hz, "every": every, "states": list(states), "by": "board", **declared}
     return Layout("estimates", tuple(columns), block_rows_for(tick_rate_Hz / every), full_header)
+
+
+_AXES = ("x", "y")
+
+WIDE = 1.5
+"""A prediction that is less sure than usual by more than this comes behind a gap, or before the motion is known."""
+
+
+def innovation_layout(*, tick_rate_Hz: float, axes: int, sense_unit: str = "V") -> Layout:
+    """Columns tick, nu_x_V (nu_y_V), s_x_V (s_y_V), the latter the predicted standard deviations; their unit is that of
+    what is sensed, whatever the name says.
+    """
+    names = _AXES[:axes]
+    columns = (
+        TICK,
+        *(Column(f"nu_{axis}_V", "f4", sense_unit) for axis in names),
+        *(Column(f"s_{axis}_V", "f4", sense_unit) for axis in names),
+    )
+    header = {"tick_rate_Hz": tick_rate_Hz, "axes": axes}
+    return Layout("innovation", columns, block_rows_for(tick_rate_Hz), header)
+
+
+@dataclass(frozen=True)
+class Innovation(Table):
+    """Innovation of a run, read."""
+
+    KIND = "innovation"
+
+    @property
+    def unit(self) -> str:
+        """Of what is sensed: V, or the sensor's own."""
+        return str(self.header["columns"]["nu_x_V"]["unit"])
+
+    @cached_property
+    def nu_V(self) -> npt.NDArray[np.float64]:
+        """Innovation (n, axes) in volts."""
+        return self._stack("nu")
+
+    @cached_property
+    def sd_V(self) -> npt.NDArray[np.float64]:
+        """Its predicted standard deviation (n, axes) in volts."""
+        return self._stack("s")
+
+    def _stack(self, prefix: str) -> npt.NDArray[np.float64]:
+        return np.stack([self.columns[f"{prefix}_{axis}_V"] for axis in _AXES[: self.axes]], 1).astype(float)
+
+
+def usual_sd_V(innovation: Innovation) -> npt.NDArray[np.float64] | None:
+    """The predicted standard deviation (axes,) as its median over the rows; None without rows, or where it is not
+    finite."""
+
+    def of_axis(axis: int) -> list[float] | None:
+        return quantiles(lambda: (piece.sd_V[:, axis] for piece in innovation.pieces()), (0.5,))
+
+    found = [median[0] for axis in range(innovation.axes) if (median := of_axis(axis)) is not None]
+    usual = np.array(found)
+    return usual if len(found) == innovation.axes > 0 and np.isfinite(usual).all() else None
+
+
+def steady(sd_V: npt.NDArray[np.float64], usual_V: npt.NDArray[np.float64]) -> npt.NDArray[np.bool_]:
+    """Whether (n,) rows count in an average: their prediction is about as sure as usual, on every axis.
+
+    Behind a gap it is wide for a while, and what comes then is large by right: that is neither noise nor a residual.
+    """
+    return np.asarray((sd_V <= WIDE * usual_V).all(axis=1), np.bool_)
+
+
+def stretches(innovation: Innovation, usual_V: npt.NDArray[np.float64]) -> Iterator[npt.NDArray[np.float64] | None]:
+    """The innovation of steady rows (n, axes) in V, in parts that follow each other; None where a gap lies between."""
+    expected: int | None = None
+    for piece in innovation.pieces():
+        tick, sure = piece.tick, steady(piece.sd_V, usual_V)
+        nu = piece.nu_V
+        cuts = np.flatnonzero((np.diff(tick) != 1) | (np.diff(sure.astype(np.int8)) != 0)) + 1
+        for rows in np.split(np.arange(tick.size), cuts):
+            if not rows.size or not sure[rows[0]]:
+                continue
+            if expected is not None and tick[rows[0]] != expected:
+                yield None
+            expected = int(tick[rows[-1]]) + 1
+            yield nu[rows]
+
+
+read_innovation = Innovation.read
+
+
+MEANING = (
+    "covariance that the estimates have under the observer's gain, which the sd_ columns of the estimates are from; "
+    "with fading memory it is not the filter's own P, which is about twice as large"
+)
+_PIECE_ROWS = 1 << 12
+TRIANGLE = "upper, row by row, diagonal included"
+
+
+def covariance_layout(names: Sequence[str], units: Sequence[str], *, tick_rate_Hz: float, every: int) -> Layout:
+    """Columns tick, then A*B for each pair of entries A, B of the upper triangle, row by row, in unit(A)·unit(B), SI.
+
+    `names` are those of the estimates' columns.
+    """
+    pairs = zip(*_triangle(len(names)), strict=True)
+    columns = [Column(f"{names[i]}*{names[j]}", "f8", f"{units[i]}·{units[j]}") for i, j in pairs]
+    header = {
+        "tick_rate_Hz": tick_rate_Hz,
+        "every": every,
+        "entries": list(names),
+        "units": list(units),
+        "triangle": TRIANGLE,
+        "meaning": MEANING,
+    }
+    return Layout("covariance", (TICK, *columns), block_rows_for(tick_rate_Hz / every), header)
+
+
+def packed(covariance: Floats) -> list[float]:
+    """The upper triangle of (n, n), row by row, as a row of the file holds it."""
+    return list(covariance[_triangle(len(covariance))].tolist())
+
+
+@dataclass(frozen=True)
+class Covariance(Table):
+    """Covariance of a run, read; its rows are at ticks that the estimates have too."""
+
+    KIND = "covariance"
+
+    def pieces(self) -> Iterator[Self]:
+        """The record in parts that memory always has room for, one after another."""
+        for _, columns in pieces_of(self.columns, _PIECE_ROWS):
+            yield self._of(columns)
+
+    @property
+    def entries(self) -> tuple[str, ...]:
+        """What is estimated, by the names of the estimates' columns: the order of the matrices."""
+        return tuple(self.header["entries"])
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """SI unit of each entry."""
+        return tuple(self.header["units"])
+
+    @cached_property
+    def matrices(self) -> Floats:
+        """The covariances (n, entries, entries), symmetric, SI."""
+        n = len(self.entries)
+        rows, columns = _triangle(n)
+        full = np.empty((len(self), n, n))
+        values = np.stack([self.columns[name] for name in list(self.columns)[1:]], axis=1)
+        full[:, rows, columns] = values
+        full[:, columns, rows] = values
+        return full
+
+    def _flaw(self) -> str:
+        entries = list(self.header.get("entries", []))
+        wanted = ["tick", *(f"{entries[i]}*{entries[j]}" for i, j in zip(*_triangle(len(entries)), strict=True))]
+        if not entries or list(self.columns) != wanted:
+            return "its columns are not those of its entries; run or replay again"
+        return ""
+
+
+read_covariance = Covariance.read
+
+
+@cache
+def _triangle(n: int) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    return np.triu_indices(n)

@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 from hil.errors import InputError
+from hil.records.atomic import is_occupied
 from hil.records.direct import cut_of, on_disk
-from hil.records.occupied import is_occupied
 from hil.records.runfolder import RunFolder
 
 RUNS = Path("runs")

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 from hil.errors import InputError
 from hil.records.capture import Capture
 from hil.records.clock import ClockRecord
-from hil.records.covariance import Covariance
-from hil.records.estimates import Estimates
-from hil.records.innovation import Innovation
+from hil.records.estimates import Covariance, Estimates, Innovation
 from hil.records.kind import TRACE, kind_of
 from hil.records.table import scored_from_s
 from hil.records.text_seal import require_unchanged

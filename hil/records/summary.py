@@ -18,8 +18,7 @@ import numpy.typing as npt
 from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
 from hil.records.clock import ClockRecord
 from hil.records.coverage import SD_95
-from hil.records.estimates import Estimates
-from hil.records.innovation import Innovation, steady, usual_sd_V
+from hil.records.estimates import Estimates, Innovation, steady, usual_sd_V
 from hil.records.on_board import on_board
 from hil.records.quantiles import quantiles
 from hil.records.rate_reference import errors

@@ -15,14 +15,12 @@ from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.bench.by_verb import of_a_record, require_usable
 from hil.errors import InputError
-from hil.inputs.captured import Samples, control_of, drives_of, gaps_of, pieces_of_samples
+from hil.inputs.captured import Acts, Samples, control_of, drives_of, gaps_of, pieces_of_samples
 from hil.inputs.declared import observer_settings_of, recorded_device_of
-from hil.inputs.trimmed import Acts
 from hil.progress import Progress, Watcher
-from hil.records.atomic import replacing
+from hil.records.atomic import occupied, replacing
 from hil.records.capture import Capture, read_capture
 from hil.records.changes import Change, note_change, read_changes
-from hil.records.occupied import occupied
 from hil.records.runfolder import RunFolder
 from hil.records.trims import TRIMS, trims_beside
 from hil.running.angle import ReportedAngle

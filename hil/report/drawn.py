@@ -3,17 +3,13 @@
 from collections.abc import Callable
 
 from hil.report.figures.angle import angle_figure
-from hil.report.figures.closing import closing_figure
 from hil.report.figures.drawing import Drawing
-from hil.report.figures.innovation import innovation_figure
-from hil.report.figures.parameters import parameters_figure
+from hil.report.figures.parameters import parameters_figure, trims_figure
 from hil.report.figures.pattern import pattern_figure
-from hil.report.figures.prediction import prediction_figure
 from hil.report.figures.rate import rate_figure
-from hil.report.figures.signals import signals_figure
+from hil.report.figures.signals import closing_figure, innovation_figure, prediction_figure, signals_figure
 from hil.report.figures.spectrum import innovation_spectrum_figure
 from hil.report.figures.timing import turnaround_figure
-from hil.report.figures.trims import trims_figure
 from hil.report.material import Material
 from hil.report.numbering import Figures
 

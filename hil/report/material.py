@@ -10,8 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.records.capture import Capture
-from hil.records.estimates import Estimates
-from hil.records.innovation import Innovation
+from hil.records.estimates import Estimates, Innovation
 from hil.records.rate_reference import Compared, beside_rate
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder

@@ -8,9 +8,8 @@ from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
 from hil.report import markup, tables, uncertainty
 from hil.report.drawn import draw_figures
-from hil.report.facts import facts
 from hil.report.material import Material
-from hil.report.verdict import alarm, headline, key_figures, next_step, parts
+from hil.report.verdict import alarm, facts, headline, key_figures, next_step, parts
 
 _ANGLES = "The reported angle φ is +∫Ω dt. In the frame of the board the pattern rotates backwards: θ = −φ + constant."
 _INTERVALS = (

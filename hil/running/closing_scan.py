@@ -26,7 +26,7 @@ def scan_run(folder: RunFolder, bench: Bench, progress: Watcher) -> "answer.Comp
     """
     if folder.capture is None or not len(folder.capture) or folder.capture.carrier_Hz is not None:
         return None
-    from hil.inputs.trimmed import at_rest
+    from hil.inputs.captured import at_rest
 
     progress(Progress("scan", 0, 0))
     capture, bench, _ = at_rest(folder.capture, bench, folder.trims)

@@ -12,8 +12,8 @@ import numpy as np
 
 from hil.bench import Bench
 from hil.progress import Progress, Watcher
+from hil.records.atomic import occupied
 from hil.records.direct import OnDisk, on_disk
-from hil.records.occupied import occupied
 from hil.records.result import Load, Result, Told, save_result
 from hil.records.runfolder import RunFolder
 from hil.report.artist import Artist, artist_process

@@ -18,8 +18,7 @@ from hil.boards.emulation import Served, served
 from hil.errors import InputError
 from hil.errors.ending import line_of
 from hil.progress import Watcher
-from hil.records.atomic import make_run_folder, write_sealed
-from hil.records.occupied import occupied
+from hil.records.atomic import make_run_folder, occupied, write_sealed
 from hil.records.runfolder import RunFolder
 from hil.running import concluding
 from hil.running.beside import recorded_beside

@@ -17,7 +17,7 @@ from hil.records.summary import answers
 from hil.running.supervision import supervise
 from hil.running.worker import Order
 from hil.running.worker_process import worker_process
-from hil.verdict.holds import held, loop_changes, own_setting
+from hil.verdict.machine import held, loop_changes, own_setting
 from hil.wire.link_name import Emulated, parse_link
 
 _LOCKSTEP = "no setting of the board is slow enough for this machine, so the run is in lockstep"

@@ -14,9 +14,7 @@ from hil.inputs.declared import formula_of
 from hil.plugins.plugged import Plugged
 from hil.records.capture import board_layout
 from hil.records.clock import clock_layout
-from hil.records.covariance import covariance_layout, packed
-from hil.records.estimates import board_estimates_layout, estimates_layout
-from hil.records.innovation import innovation_layout
+from hil.records.estimates import board_estimates_layout, covariance_layout, estimates_layout, innovation_layout, packed
 from hil.records.layout import Layout
 from hil.records.timing import ledger_layout, timing_layout
 from hil.records.trims import trims_layout

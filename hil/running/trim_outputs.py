@@ -9,7 +9,7 @@ from estimator.trims import Electrode
 from hil.bench import Bench
 from hil.bench.plausible import LARGEST_V
 from hil.errors import InputError
-from hil.inputs.trimmed import declared_electrodes
+from hil.inputs.captured import declared_electrodes
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError

@@ -5,8 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.covariance import Covariance
-from hil.records.estimates import Estimates
+from hil.records.estimates import Covariance, Estimates
 from hil.records.result import Nees
 from hil.records.truth import Truth
 

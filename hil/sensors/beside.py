@@ -17,8 +17,7 @@ from hil.records.capture import read_capture
 from hil.records.rates import sensor_figures
 from hil.records.stream import BlockWriter
 from hil.records.summary import lost_samples
-from hil.sensors.port import find_port, open_source
-from hil.sensors.recognition import recognised
+from hil.sensors.port import find_port, open_source, recognised
 from hil.sensors.record import Stream, counters_of
 from hil.wire.errors import WireError
 

@@ -11,17 +11,15 @@ from typing import Any
 import numpy as np
 
 from hil.progress import Progress, Watcher
-from hil.records.atomic import make_run_folder
+from hil.records.atomic import make_run_folder, occupied
 from hil.records.layout import Column, Layout
-from hil.records.occupied import occupied
 from hil.records.rates import rates_layout, sensor_figures
 from hil.records.result import Result, Sensor, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter
 from hil.records.summary import lost_samples
 from hil.sensors.adapter import Adapter, Sample
-from hil.sensors.port import Port, Source, hear, open_source
-from hil.sensors.recognition import recognised
+from hil.sensors.port import Port, Source, hear, open_source, recognised
 from hil.sensors.request import RecordRequest
 from hil.sensors.ticks import TickCounter
 from hil.wire.errors import LinkClosed, LinkError, WireError

@@ -17,8 +17,7 @@ from hil.sweeping import design, figures
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.design import Table, parts_of, plain, put, value_at
 from hil.sweeping.tasks import Row, Task
-from hil.toml.reading import parse_table, read_table, suggestion
-from hil.toml.text import toml_key, toml_value
+from hil.toml.reading import parse_table, read_table, suggestion, toml_key, toml_value
 
 if TYPE_CHECKING:
     import pyarrow

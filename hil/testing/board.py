@@ -9,7 +9,7 @@ from hil.bench import Bench, override
 from hil.boards.emulation import is_emulated, served
 from hil.errors import InputError
 from hil.library.keywords import takes
-from hil.library.tracing import Trace
+from hil.library.loading import Trace
 from hil.library.verbs import trace
 from hil.progress import untold
 from hil.records.result import Result

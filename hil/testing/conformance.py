@@ -26,8 +26,7 @@ from estimator.observer import Observer
 from hil.bench import load_bench, override
 from hil.bench.examples import find
 from hil.errors import InputError
-from hil.importing.importer import import_from
-from hil.importing.packaged import PackagedSource, Reader
+from hil.importing.importer import PackagedSource, Reader, import_from
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from hil.plugins.of_bench import loop_observer

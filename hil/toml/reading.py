@@ -6,6 +6,7 @@ first is shown, with a count of the others: ``file: [section] key: what is wrong
 
 import ast
 import difflib
+import json
 import re
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -15,7 +16,6 @@ from typing import Any, TypeVar, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from hil.errors import InputError
-from hil.toml.text import toml_key
 from hil.wire.regular_file import what_instead
 from hil.wire.toml_bounds import MOST_BYTES, beyond
 
@@ -207,3 +207,27 @@ def _table_at(model: type[BaseModel], loc: Sequence[str | int]) -> Any:
 
 def _is_model(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, BaseModel)
+
+
+def toml_value(value: Any) -> str:
+    """A scalar or a list of scalars in TOML.
+
+    >>> toml_value([True, 1e-3, "a"])
+    '[true, 0.001, "a"]'
+    """
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, (list, tuple)):
+        return f"[{', '.join(toml_value(item) for item in value)}]"
+    return repr(value)
+
+
+def toml_key(name: str) -> str:
+    """A key of TOML, in quotes where it is not bare.
+
+    >>> toml_key("interference"), toml_key("interference:2")
+    ('interference', '"interference:2"')
+    """
+    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)

@@ -13,8 +13,7 @@ from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter, own_table
 from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Coefficient, Diagnosis, MissingForce
-from hil.toml.reading import parse_table, table_of
-from hil.toml.text import toml_key, toml_value
+from hil.toml.reading import parse_table, table_of, toml_key, toml_value
 from hil.wire.link_name import Emulated, parse_link
 
 _COLUMN = 36  # where the remarks begin

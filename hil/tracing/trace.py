@@ -20,10 +20,9 @@ from hil.bench import Bench, RateSensorBench
 from hil.bench.by_verb import require_usable
 from hil.bench.ratio import drive_words
 from hil.errors import InputError
-from hil.inputs.captured import control_of, drives_of, record_of
+from hil.inputs.captured import at_rest, control_of, drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.inputs.swing import swing_slip
-from hil.inputs.trimmed import at_rest
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_place, write_sealed
 from hil.records.capture import Capture, RowFlag, read_capture

@@ -13,8 +13,7 @@ from hil.records.lateness import lateness_of
 from hil.records.result import Holds, Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
-from hil.verdict.holds import held, own_setting
-from hil.verdict.machine import judge_machine, mishaps
+from hil.verdict.machine import held, judge_machine, mishaps, own_setting
 from hil.verdict.model import judge_model
 from hil.verdict.next_step import after_run
 from hil.verdict.safety import judge_safety

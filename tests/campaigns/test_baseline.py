@@ -13,7 +13,7 @@ from hil.errors import InputError
 from hil.sweeping.baseline import GATED, changes, read_baseline
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.plan import Plan
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 from tests.campaigns.small import RUNS, plan
 from tests.cli.conftest import hil as called  # noqa: F401
 

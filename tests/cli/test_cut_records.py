@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from hil.records.atomic import occupied
 from hil.records.capture import read_capture
-from hil.records.occupied import occupied
 from tests.cli.conftest import Hil
 
 WHOLE = 12000

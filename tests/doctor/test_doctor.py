@@ -10,8 +10,8 @@ import pytest
 
 from hil import cli
 from hil.doctor import link, machine, ports
-from hil.doctor.finding import Finding
 from hil.doctor.link import capacity, wire_rate_Hz
+from hil.doctor.machine import Finding
 
 PROBED: dict[str, Any] = {
     "identity": {"unique_id": 7, "tick_rate_Hz": 4000.0, "latency_ticks": 1, "capabilities": 1 | 2},

@@ -10,7 +10,7 @@ from scipy.signal import welch
 from device_emulator.scenario import Scenario, load
 from device_emulator.section import ScenarioError
 from device_emulator.sense import sense_gain
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 from tests.emulator.gyro import AMPLITUDE_M, EXAMPLES, IDEAL, OMEGA, QUIET, document, record, scenario, undriven, volts
 
 TS = 1.0 / 4000.0

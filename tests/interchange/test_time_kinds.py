@@ -9,10 +9,10 @@ import pytest
 
 from hil.cli.import_ import import_
 from hil.errors import InputError
-from hil.importing.array_source import ArraySource
 from hil.importing.importer import import_from
 from hil.importing.mapping import read_map
 from hil.importing.record_time import rounded_grid, stated_grid
+from hil.importing.source import ArraySource
 from hil.importing.time_column import stamps_of
 from hil.records.capture import read_capture
 from tests.interchange.written import MAP, ROWS, X_V, bring

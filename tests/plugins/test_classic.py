@@ -15,7 +15,7 @@ from hil.plugins.protocol import PluginError
 from hil.records.runfolder import RunFolder
 from hil.report.page import render
 from hil.scoring.score import score
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 from tests.plugins.direct import Driven, drive_directly
 from tests.plugins.running import bench, ran
 from tests.running import gyro

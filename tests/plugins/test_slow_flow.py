@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil.bench import examples, load_bench, override
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 from tests.plugins.direct import Driven, drive_directly, observed
 
 RATE_RAD_S, RATE_HZ, SETTLED = 2.0, 1e5, 120_000

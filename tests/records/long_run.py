@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.records.covariance import covariance_layout, packed
+from hil.records.estimates import covariance_layout, packed
 from hil.records.layout import Layout
 from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter

@@ -11,8 +11,7 @@ import numpy as np
 
 from hil.records.atomic import write_sealed
 from hil.records.capture import RowFlag, board_layout
-from hil.records.estimates import estimates_layout
-from hil.records.innovation import innovation_layout
+from hil.records.estimates import estimates_layout, innovation_layout
 from hil.records.layout import Column, Layout
 from hil.records.result import Percentiles, save_result
 from hil.records.runfolder import RunFolder

@@ -11,8 +11,7 @@ import pytest
 from hil.errors import InputError
 from hil.records.capture import board_layout
 from hil.records.check import Checked, check, repair
-from hil.records.estimates import estimates_layout
-from hil.records.innovation import innovation_layout
+from hil.records.estimates import estimates_layout, innovation_layout
 from hil.records.layout import Layout
 from hil.records.stream import BlockWriter
 

@@ -10,8 +10,7 @@ from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
 from hil.errors import InputError
-from hil.records.covariance import covariance_layout, packed, read_covariance
-from hil.records.estimates import estimates_layout, read_estimates
+from hil.records.estimates import covariance_layout, estimates_layout, packed, read_covariance, read_estimates
 from hil.records.truth import read_truth
 from hil.running.recorder import record_here
 from hil.scoring.nees import band, nees, normalised_squares

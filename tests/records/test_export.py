@@ -15,8 +15,7 @@ from hil.exporting.exported import Exported
 from hil.exporting.exporter import _WRITERS, FORMATS, export, write_mat, write_mcap
 from hil.importing.importer import import_record
 from hil.records.capture import read_capture
-from hil.records.estimates import read_estimates
-from hil.records.innovation import read_innovation
+from hil.records.estimates import read_estimates, read_innovation
 
 EVERY = ("capture", "estimates", "innovation")
 

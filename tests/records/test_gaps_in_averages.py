@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.records.innovation import WIDE, Innovation, steady, stretches, usual_sd_V
+from hil.records.estimates import WIDE, Innovation, steady, stretches, usual_sd_V
 from hil.records.summary import innovation_rms, predicted_rms
 from hil.report.figures.spectrum import amplitude_density_of, innovation_spectrum_figure
 

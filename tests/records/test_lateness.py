@@ -13,7 +13,7 @@ from hil.records.lateness import BATCH_S, Lateness, lateness_of
 from hil.records.result import Answers
 from hil.records.summary import count_answers
 from hil.records.timing import Timing
-from hil.verdict import holds
+from hil.verdict import machine
 from hil.wire.messages import ClockMode
 from tests.running import gyro
 from tests.running.closed import HandPaced, board, close_loop
@@ -146,18 +146,18 @@ def test_the_smallest_latency_that_leaves_a_margin() -> None:
     for ticks, share in ((1, 0.04), (2, 0.02), (3, 0.01), (5, 0.004)):
         after_s.reshape(15, 400)[:, : round(400 * share)] = (ticks + 0.5) * TICK_S
     bench = gyro.bench(12.0, "paced", limits={"late_fraction": 0.05})
-    own = holds.own_setting(bench, 1)
-    found = holds.held(lateness(after_s), bench, own)
+    own = machine.own_setting(bench, 1)
+    found = machine.held(lateness(after_s), bench, own)
     assert found is not None
     assert (found.setting.latency_ticks, found.safely) == (3, True)
-    after = holds.held(lateness(after_s), bench, own, after=found.setting)
+    after = machine.held(lateness(after_s), bench, own, after=found.setting)
     assert after is not None
     assert after.setting.latency_ticks == 4
 
 
 def test_where_nothing_holds_nothing_is_chosen() -> None:
     bench = gyro.bench(12.0, "paced", limits={"late_fraction": 0.05})
-    assert holds.held(lateness(np.full(6000, 1.0)), bench, holds.own_setting(bench, 1)) is None
+    assert machine.held(lateness(np.full(6000, 1.0)), bench, machine.own_setting(bench, 1)) is None
 
 
 def test_what_comes_with_newer_samples_is_answered_while_that_can_act(tmp_path: Path) -> None:

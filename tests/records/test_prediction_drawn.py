@@ -12,7 +12,7 @@ from hil.records.runfolder import RunFolder
 from hil.report.diagnosis.evidence import held_out_figure
 from hil.report.diagnosis.material import Material as Traced
 from hil.report.figures.drawing import Drawing
-from hil.report.figures.prediction import prediction_figure
+from hil.report.figures.signals import prediction_figure
 from hil.report.material import Material
 from hil.report.numbering import inline_svg
 from hil.report.theme import drawing_style

@@ -6,7 +6,7 @@ from typing import Any
 
 from hil.bench import Bench, examples, load_bench, override
 from hil.bench.template import template, values_of
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 
 RATE_HZ = 4000.0
 

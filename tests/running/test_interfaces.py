@@ -22,7 +22,7 @@ from hil.errors import InputError
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from hil.running.closing_scan import scan_run
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 from hil.tracing.request import request_of
 from hil.tracing.trace import trace
 from hil.verdict.budget import budget

@@ -27,7 +27,7 @@ from hil.library.finished_run import AttitudeRun
 from hil.records.attitude import read_attitude
 from hil.records.runfolder import RunFolder
 from hil.running.several import requests_of, run_several
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 
 W, A, C = 2.0 * np.pi * 0.5, 0.4, 0.2
 MOUNT = np.array([[1.0, 0.0, 0.0], [0.6, 0.8, 0.0], [0.0, 0.6, 0.8]])

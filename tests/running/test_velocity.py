@@ -13,7 +13,7 @@ from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
 from hil.running.preflight import require_suitable
-from hil.toml.text import toml_value
+from hil.toml.reading import toml_value
 from hil.tracing.request import request_of
 from hil.tracing.trace import trace
 from tests.running.closed import angle_errors, close_loop, waiting

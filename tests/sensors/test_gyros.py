@@ -19,8 +19,7 @@ from hil.errors import InputError
 from hil.records.capture import read_capture
 from hil.records.rates import rates_rad_s
 from hil.sensors.declared import protocols
-from hil.sensors.port import adapter_called, find_port
-from hil.sensors.recognition import recognised
+from hil.sensors.port import adapter_called, find_port, recognised
 from hil.sensors.stream_decoder import StreamDecoder
 from hil.sensors.ticks import TickCounter
 from hil.wire.errors import LinkError

@@ -15,8 +15,7 @@ import hil
 from device_emulator.gyros import GYROS, Motion, sampled, stream
 from hil.sensors.adapter import Sample
 from hil.sensors.declared import protocols
-from hil.sensors.port import adapter_called
-from hil.sensors.recognition import usual_bauds
+from hil.sensors.port import adapter_called, usual_bauds
 from hil.sensors.stream_decoder import StreamDecoder
 from hil.sensors.ticks import TickCounter
 from hil.wire.errors import LinkError

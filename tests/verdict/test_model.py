@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from hil.records.capture import Capture
-from hil.records.innovation import Innovation
+from hil.records.estimates import Innovation
 from hil.records.result import Result, Scan
 from hil.records.runfolder import RunFolder
 from hil.verdict.model import judge_model

@@ -24,9 +24,8 @@ from hil.report.diagnosis.evidence import (
     residual_level_figure,
 )
 from hil.report.diagnosis.material import Material
-from hil.report.facts import facts_of_trace
 from hil.report.numbering import Figures
-from hil.report.verdict import Headline
+from hil.report.verdict import Headline, facts_of_trace
 from hil.verdict.next_step import after_trace
 
 _WORDS = {

@@ -13,10 +13,11 @@ from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import PixelSeries
 from hil.report.tables import rank, shown, shown_unit
-from hil.report.theme import FIRST, INK, fit_to, new_figure, span_time, trace
+from hil.report.theme import FIRST, INK, fit_to, legend, new_figure, span_time, stacked, trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
 
 _MOVING = ("x_m", "vx_mps", "y_m", "vy_mps", "rate_rad_s")
 _COLUMNS = 3
@@ -129,3 +130,21 @@ def _draw_panel(ax: "Axes", panel: _Panel) -> None:
     fit_to(ax, drawn.held.low[[_LOWER]] * factor, drawn.held.high[[_UPPER]] * factor, zero)
     ax.set_title(f"{panel.title} / {panel.unit}" if panel.unit else panel.title)
     ax.locator_params(axis="both", nbins=4)
+
+
+def trims_figure(material: Material) -> Drawing | None:
+    """One line per output, held from change to change; None where nothing was trimmed."""
+    trims, estimates = material.folder.trims, material.estimates
+    if trims is None or not len(trims) or estimates is None:
+        return None
+    figure, (ax,) = stacked(2.3, (1.0,))
+    _, end_s = estimates.ends_s
+    t_s = np.append(trims.columns["acted_tick"] / trims.tick_rate_Hz, end_s)
+    for one, volts in zip(trims.outputs, trims.volts.T, strict=True):
+        ax.step(t_s, np.append(volts, volts[-1]), where="post", label=one["name"])
+    ax.set_ylabel("voltage / V")
+    span_time([ax], estimates.ends_s, material.settle_s)
+    legend(ax)
+    last = ", ".join(f"{one['name']} {volts:.3f} V" for one, volts in zip(trims.outputs, trims.volts[-1], strict=True))
+    caption = f"Voltages that the trim outputs put out; at the end {last}."
+    return Drawing(figure, "Trim voltages", caption, caption)

@@ -7,14 +7,13 @@ from hil.numbers import count, percent, quantity, share, significant
 from hil.records.atomic import write_text
 from hil.records.runfolder import RunFolder
 from hil.report import markup
-from hil.report.facts import facts
 from hil.report.markup import table
 from hil.report.numbering import Figures
 from hil.report.sensor import tables, words
 from hil.report.sensor.material import SensorMaterial
 from hil.report.sensor.panels import allan_figure, rate_density_figure, sensor_rate_figure
 from hil.report.tables import provenance
-from hil.report.verdict import Headline, headline
+from hil.report.verdict import Headline, facts, headline
 from hil.sensors.record import BENIGN, DAMAGED, LOST
 
 

@@ -60,7 +60,7 @@ static double root(double variance)
     return variance >= 0.0 ? sqrt(variance) : (double)NAN;
 }
 
-/* `innovation_layout` of hil/records/innovation.py. */
+/* `innovation_layout` of hil/records/estimates.py. */
 static void put_innovation(turn_t *turn, int64_t tick)
 {
     const double *nu = turn->newest, *s = turn->newest + 2;

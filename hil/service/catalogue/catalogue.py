@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil.errors import InputError
-from hil.records.occupied import is_occupied
+from hil.records.atomic import is_occupied
 from hil.service.catalogue.entry import Entry, Marks, as_json, id_of, is_run, read_entry, read_marks, write_marks
 from hil.service.catalogue.schema import connect, open_database
 from hil.service.problems import Unknown

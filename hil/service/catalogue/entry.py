@@ -15,12 +15,11 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints, ValidationError
 
 from hil.errors import InputError, printable
-from hil.records.atomic import read_json, write_text
+from hil.records.atomic import is_occupied, read_json, write_text
 from hil.records.blocks import opened, read_opening
 from hil.records.direct import DirectRecord
 from hil.records.figures import Known, of_run, of_trace
 from hil.records.listing import PARTS, Kind, beside_runs, listed_kind
-from hil.records.occupied import is_occupied
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
 

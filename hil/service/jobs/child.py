@@ -20,8 +20,7 @@ from typing import Any
 from hil.errors.ending import ExitCode, ending_of
 from hil.errors.interruption import interrupt
 from hil.progress import Progress
-from hil.records.atomic import write_text
-from hil.records.occupied import occupied
+from hil.records.atomic import occupied, write_text
 
 ORDER, OUTCOME = "order.json", "outcome.json"
 CANCELLED = "cancelled"

@@ -23,8 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.errors import InputError
-from hil.records.atomic import write_text
-from hil.records.occupied import is_occupied
+from hil.records.atomic import is_occupied, write_text
 from hil.service.jobs.child import CANCELLED, ORDER, OUTCOME
 from hil.service.problems import Unknown
 

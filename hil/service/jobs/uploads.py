@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from hil.errors import InputError, printable
-from hil.importing.packaged import endings
+from hil.importing.importer import endings
 from hil.service.security.bodies import RECORD_BYTES
 
 MOST_MAP_BYTES = 1 << 20

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from hil.records.coverage import COVERAGE
-from hil.records.innovation import steady
+from hil.records.estimates import steady
 from hil.service.telemetry.deadlines import Deadlines
 from hil.service.telemetry.deadlines import told as deadlines
 from hil.service.telemetry.views import Rolls, Track, Tracks

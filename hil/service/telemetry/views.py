@@ -11,8 +11,8 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field
 
 from hil.errors import InputError
+from hil.records.estimates import steady
 from hil.records.frame import Frame
-from hil.records.innovation import steady
 from hil.records.layout import Layout
 from hil.running.ring import Onlooker
 from hil.service.series import shown

@@ -16,8 +16,7 @@ from hil.bench.template import template, values_of
 from hil.boards.emulation import emulator
 from hil.errors import InputError
 from hil.records.check import check
-from hil.toml.reading import read_table
-from hil.toml.text import toml_value
+from hil.toml.reading import read_table, toml_value
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.links import open_link
