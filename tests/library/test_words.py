@@ -111,7 +111,7 @@ def test_what_the_library_names_itself_is_an_argument_of_some_function() -> None
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ASKED:
                 first = node.args[0]
                 named |= {(path.name, first.value)} if isinstance(first, ast.Constant) else set()
-        if path.name == "arrays.py":
+        if path.name == "given.py":
             named |= {(path.name, word) for text in texts(tree) for word in NAMED.findall(text)}
     words = {word for _, word in named}
     assert {"arm", "nonuniform", "mapping", "truth", "out"} <= words
