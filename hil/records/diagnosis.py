@@ -1,8 +1,9 @@
 """`diagnosis.json`: what a trace came to. Its JSON Schema is published in docs/reference/diagnosis.schema.json."""
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -287,45 +288,20 @@ def to_model(
     missing_force: MissingForce | None = None,
 ) -> Diagnosis:
     """The engine's answer as it is written."""
-    return Diagnosis(
-        verdict=found.verdict.value,
-        effects=tuple(_effect(effect) for effect in found.effects),
-        ambiguity_groups=found.ambiguity_groups,
-        separations=tuple(_separation(pair) for pair in found.separations),
-        before=_fit(found.before),
-        after=_fit(found.after),
-        held_out=HeldOut(before=_fit(found.held_out_before), after=_fit(found.held_out_after)),
-        rejected=tuple(
-            Rejected(
-                name=one.name,
-                reason=one.reason,
-                bound={symbol: coefficient(interval) for symbol, interval in one.bound.items()},
-                evidence=_finite(one.evidence),
-                gain=_finite(one.gain),
-            )
-            for one in found.rejected
-        ),
-        findings=tuple(_finding(finding) for finding in found.findings),
-        reasons=found.reasons,
-        equations=tuple(equation for effect in found.effects for equation in effect.equation),
-        angle_moved_rad=_finite(found.angle_moved),
-        share=_finite(found.share),
-        left=tuple(_finding(finding) for finding in found.left),
-        probabilities=tuple(
-            Probabilities(effect=one.effect, classes=dict(one.probabilities)) for one in found.probabilities
-        ),
-        undetermined=found.undetermined,
-        dependences=tuple(_dependence(one) for one in found.dependences),
-        base={name: coefficient(interval) for name, interval in found.base.items()},
-        unconfirmed=None if found.unconfirmed is None else _unconfirmed(found.unconfirmed),
-        sense_unit=sense_unit,
-        prepared=prepared,
-        missing_force=missing_force,
-        record=record,
-        bench=bench,
-        samples=len(found.residual_before),
-        split=found.split,
-        thresholds=values(THRESHOLDS),
+    told = _fields(found, Diagnosis, {"angle_moved_rad": "angle_moved"})
+    return Diagnosis.model_validate(
+        told
+        | {
+            "held_out": HeldOut(before=_fit(found.held_out_before), after=_fit(found.held_out_after)),
+            "equations": tuple(equation for effect in found.effects for equation in effect.equation),
+            "sense_unit": sense_unit,
+            "prepared": prepared,
+            "missing_force": missing_force,
+            "record": record,
+            "bench": bench,
+            "samples": len(found.residual_before),
+            "thresholds": values(THRESHOLDS),
+        }
     )
 
 
@@ -339,63 +315,47 @@ def load_diagnosis(path: Path) -> Diagnosis:
     return json_file.load(path, Diagnosis, give="a diagnosis that hil trace wrote", anew="trace the record anew")
 
 
-def _effect(found: traced.Found) -> Effect:
-    return Effect(
-        name=found.name,
-        title=found.title,
-        equations=found.equation,
-        coefficients={symbol: coefficient(interval) for symbol, interval in found.coefficients.items()},
-        evidence=_finite(found.evidence),
-        compensation=found.compensation,
-        angle_bound_rad=_finite(found.angle_bound),
-    )
+_WRITTEN: dict[type, tuple[type[json_file.Strict], dict[str, str]]] = {
+    traced.Found: (Effect, {"equations": "equation", "angle_bound_rad": "angle_bound"}),
+    traced.Separation: (Separation, {"with": "other", "takes_s": "takes", "angle_apart_rad": "angle_apart"}),
+    traced.Rejected: (Rejected, {}),
+    traced.Finding: (Finding, {"size_V": "size"}),
+    traced.Classes: (Probabilities, {"classes": "probabilities"}),
+    traced.Dependence: (Dependence, {"at_reference": "value", "per_unit": "slope"}),
+    traced.Unconfirmed: (Unconfirmed, {}),
+}
+"""What the engine answers in, and as what it is written; keys that are called otherwise there."""
 
 
-def _unconfirmed(one: traced.Unconfirmed) -> Unconfirmed:
-    return Unconfirmed(
-        effects=tuple(_effect(found) for found in one.effects), failed=one.failed, held_out=_fit(one.held_out)
-    )
+def _fields(found: Any, model: type[json_file.Strict], renamed: Mapping[str, str]) -> dict[str, Any]:
+    """Those of the keys of `model` that `found` has."""
+    keys = {key: renamed.get(key, key) for key in (field.alias or name for name, field in model.model_fields.items())}
+    return {key: _written(getattr(found, name)) for key, name in keys.items() if hasattr(found, name)}
 
 
-def _dependence(one: traced.Dependence) -> Dependence:
-    return Dependence(
-        name=one.name,
-        covariate=one.covariate,
-        reference=one.reference,
-        at_reference=coefficient(one.value),
-        per_unit=coefficient(one.slope),
-        evidence=_finite(one.evidence),
-    )
-
-
-def _separation(pair: traced.Separation) -> Separation:
-    return Separation.model_validate(
-        {
-            "effect": pair.effect,
-            "with": pair.other,
-            "correlation": _finite(pair.correlation),
-            "separate_by": pair.separate_by,
-            "experiment": pair.experiment,
-            "expected": _finite(pair.expected),
-            "takes_s": _finite(pair.takes),
-            "angle_apart_rad": _finite(pair.angle_apart),
-        }
-    )
+def _written(value: Any) -> Any:
+    """A part of the engine's answer; of a number that is not finite None."""
+    if isinstance(value, float):
+        return _finite(value)
+    if isinstance(value, traced.Verdict):
+        return value.value
+    if isinstance(value, traced.Interval):
+        return coefficient(value)
+    if isinstance(value, traced.Fit):
+        return _fit(value)
+    if isinstance(value, Mapping):
+        return {key: _written(part) for key, part in value.items()}
+    if isinstance(value, tuple):
+        return tuple(map(_written, value))
+    if (kind := _WRITTEN.get(type(value))) is None:
+        return value
+    return kind[0].model_validate(_fields(value, *kind))
 
 
 def coefficient(interval: traced.Interval) -> Coefficient:
     """An interval as it is written."""
     return Coefficient(
         value=_finite(interval.value), ci95=(_finite(interval.low), _finite(interval.high)), unit=interval.unit
-    )
-
-
-def _finding(finding: traced.Finding) -> Finding:
-    return Finding(
-        kind=finding.kind,
-        text=finding.text,
-        size_V=_finite(finding.size),
-        significance=_finite(finding.significance),
     )
 
 
