@@ -3,7 +3,7 @@ SymPy's own for those who calculate with them.
 """
 
 import operator
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar
@@ -23,6 +23,10 @@ _SYMBOL, _BRANCHES = "symbol", "Piecewise"
 _BINDS = {"+": 1, "-": 1, "negative": 3, "*": 3, "/": 3, "**": 4}
 
 
+def _operator(head: str, *, swapped: bool = False) -> Callable[["Formula", Any], "Formula"]:
+    return lambda one, other: Formula(head, (other, one) if swapped else (one, other))
+
+
 @dataclass(frozen=True)
 class Formula:
     """One operation on formulas and numbers; SymPy takes it for what it stands for."""
@@ -30,41 +34,14 @@ class Formula:
     head: str
     parts: tuple[Any, ...]
 
-    def __add__(self, other: Any) -> "Formula":
-        return Formula("+", (self, other))
-
-    def __radd__(self, other: Any) -> "Formula":
-        return Formula("+", (other, self))
-
-    def __sub__(self, other: Any) -> "Formula":
-        return Formula("-", (self, other))
-
-    def __rsub__(self, other: Any) -> "Formula":
-        return Formula("-", (other, self))
-
-    def __mul__(self, other: Any) -> "Formula":
-        return Formula("*", (self, other))
-
-    def __rmul__(self, other: Any) -> "Formula":
-        return Formula("*", (other, self))
-
-    def __truediv__(self, other: Any) -> "Formula":
-        return Formula("/", (self, other))
-
-    def __rtruediv__(self, other: Any) -> "Formula":
-        return Formula("/", (other, self))
-
-    def __pow__(self, other: Any) -> "Formula":
-        return Formula("**", (self, other))
+    __add__, __radd__ = _operator("+"), _operator("+", swapped=True)
+    __sub__, __rsub__ = _operator("-"), _operator("-", swapped=True)
+    __mul__, __rmul__ = _operator("*"), _operator("*", swapped=True)
+    __truediv__, __rtruediv__ = _operator("/"), _operator("/", swapped=True)
+    __pow__, __gt__, __lt__ = _operator("**"), _operator(">"), _operator("<")
 
     def __neg__(self) -> "Formula":
         return Formula("negative", (self,))
-
-    def __gt__(self, other: Any) -> "Formula":
-        return Formula(">", (self, other))
-
-    def __lt__(self, other: Any) -> "Formula":
-        return Formula("<", (self, other))
 
     def __str__(self) -> str:
         return str(self.parts[0]) if self.head == _SYMBOL else str(self._sympy_())
@@ -89,29 +66,11 @@ def symbols(names: str) -> Any:
     return tuple(symbol(name) for name in names.split())
 
 
-def cos(value: Any) -> Any:
-    """Its cosine."""
-    return Formula("cos", (value,))
+def _function(head: str) -> Callable[[Any], Any]:
+    return lambda value: Formula(head, (value,))
 
 
-def exp(value: Any) -> Any:
-    """Its exponential."""
-    return Formula("exp", (value,))
-
-
-def sin(value: Any) -> Any:
-    """Its sine."""
-    return Formula("sin", (value,))
-
-
-def sqrt(value: Any) -> Any:
-    """Its square root."""
-    return Formula("sqrt", (value,))
-
-
-def tanh(value: Any) -> Any:
-    """Its hyperbolic tangent."""
-    return Formula("tanh", (value,))
+cos, exp, sin, sqrt, tanh = map(_function, ("cos", "exp", "sin", "sqrt", "tanh"))
 
 
 def clipped(value: Any, limit: Any) -> Any:
@@ -144,10 +103,10 @@ def written(value: Any, outer: int = 0) -> str:
 
 def names_in(value: Any) -> frozenset[str]:
     """Names of the symbols in a formula, or in an expression of SymPy's."""
-    if isinstance(value, Formula):
-        return frozenset(str(part) for part in _walked(value) if isinstance(part, Formula) and part.head == _SYMBOL)
-    if isinstance(value, tuple):
-        return frozenset().union(*(names_in(part) for part in value))
+    if isinstance(value, Formula) and value.head == _SYMBOL:
+        return frozenset((str(value),))
+    if isinstance(value, Formula | tuple):
+        return frozenset().union(*map(names_in, value.parts if isinstance(value, Formula) else value))
     return frozenset(str(one) for one in getattr(value, "free_symbols", ()))
 
 
@@ -185,13 +144,6 @@ def _left(head: str, parts: tuple[Any, ...]) -> Any:
     if head in _OPERATORS and not any(isinstance(part, Formula) for part in parts):
         return _OPERATORS[head](*parts)
     return Formula(head, parts)
-
-
-def _walked(value: Any) -> Iterator[Any]:
-    yield value
-    for part in value.parts if isinstance(value, Formula) else value if isinstance(value, tuple) else ():
-        if not (isinstance(value, Formula) and value.head == _SYMBOL):
-            yield from _walked(part)
 
 
 @cache
