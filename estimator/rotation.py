@@ -5,10 +5,11 @@ an angle that is read off the pattern and corrected for forces sample by sample:
 constants that are known better later is put right then, as far as the correlation remembers it.
 
 `Rotation` is the estimate on a record, beside an observer of 13 states by the plain EKF, of which it takes the states
-and the innovations; `estimator.rotation_bound` is the same recursion along the truth.
+and the innovations; `rotation_bound` is the same recursion along the truth.
 """
 
 import math
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,7 @@ from estimator.core.library import LIBRARY
 from estimator.errors import ModelError
 from estimator.observer import Estimates, Observer
 from estimator.scaling import Array
-from estimator.settings import Gain, Variant
+from estimator.settings import Device, Gain, ObserverSettings, Variant
 
 _TERMS = 12  # of the exponential's series, for steps of a quarter turn at most
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
@@ -147,3 +148,33 @@ def _exponential(a: Array, t: float) -> Array:
         term = term @ a * (t / order)
         total = total + term
     return np.asarray(total)
+
+
+_CHUNK = 4096
+
+
+def rotation_bound(
+    device: Device, settings: ObserverSettings, truth: Array, *, every: int = 1, lost: Array | None = None
+) -> tuple[Array, Array]:
+    """The posterior Cramér–Rao bound: least deviations of φ since the settings' `reference` [rad] (rows,) and of the 13
+    states (rows, 13), SI, after every `every`-th sample.
+
+    The recursion is that of `estimator.bound` (Tichavský, Muravchik & Nehorai, IEEE Trans. Signal Processing 46(5),
+    1998) with φ in it.  An angle that is read off the pattern and corrected for forces sample by sample obeys the bound
+    too, but does not go back to what it took off before it knew the constants better.
+
+    truth (n, 13) SI at each sample, evenly spaced, of a device of two axes; lost (n, 2) marks samples that carry no
+    information.  The first step is linearised at the first sample.  Raises ModelError as the observer does.
+    """
+    observer = Observer(device, replace(settings, gain=Gain.EKF))
+    recursion, n = Recursion(observer), len(truth)
+    scaled = truth / observer.factors
+    seen = np.ones((n, 2), bool) if lost is None else ~np.asarray(lost, bool)
+    rotation, deviation = np.zeros(n), np.zeros((n, 13))
+    before = np.concatenate([scaled[:1], scaled[:-1]])
+    for first in range(0, n, _CHUNK):
+        rows = slice(first, first + _CHUNK)
+        found = recursion.go(before[rows], scaled[rows], seen[rows], np.zeros_like(scaled[rows, :2]))
+        rotation[rows], deviation[rows] = found.deviation, found.states
+    kept = slice(every - 1, None, every)
+    return rotation[kept] / device.angular_gain, deviation[kept] * np.abs(observer.factors)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 from estimator.characteristics.angle_map import pattern_angle
 from estimator.errors import ModelError
 from estimator.model.catalogue import model_for
-from estimator.rotation_bound import rotation_bound
+from estimator.rotation import rotation_bound
 from estimator.scaling import Array
 from estimator.settings import Variant
 from hil.bench import Bench, override

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimator.bound import posterior_bound
-from estimator.rotation_bound import rotation_bound
+from estimator.rotation import rotation_bound
 from estimator.settings import ObserverSettings, ProcessNoise, Spread
 from tests.estimator.gyro_loop import Truth, ideal_states
 
