@@ -57,6 +57,11 @@ class Figure:
             return None
         return abs(self.difference) > self.uncertainty
 
+    def as_json(self, u_a: str, u_b: str) -> dict[str, Any]:
+        """In JSON values, by these names for the uncertainties of `a` and `b`."""
+        told = {name: getattr(self, name) for name in ("name", "unit", "a", "b")} | {u_a: self.u_a, u_b: self.u_b}
+        return told | {name: getattr(self, name) for name in ("difference", "uncertainty", "apart")}
+
 
 @dataclass(frozen=True)
 class Key:
@@ -86,27 +91,13 @@ class Comparison:
 
     def as_json(self) -> dict[str, Any]:
         """As `hil diff --json` prints it."""
-        figures = [
-            {
-                "name": one.name,
-                "unit": one.unit,
-                "a": one.a,
-                "b": one.b,
-                "uncertainty_a": one.u_a,
-                "uncertainty_b": one.u_b,
-                "difference": one.difference,
-                "uncertainty": one.uncertainty,
-                "apart": one.apart,
-            }
-            for one in self.figures
-        ]
         return {
             "kind": self.kind,
             "a": str(self.a),
             "b": str(self.b),
             "verdict": [self.verdict_a or None, self.verdict_b or None],
             "same_record": self.same_record,
-            "figures": figures,
+            "figures": [one.as_json("uncertainty_a", "uncertainty_b") for one in self.figures],
             "bench": [key.as_json() for key in self.bench],
         }
 

@@ -89,18 +89,7 @@ def _side_by_side(name: str, a: dict[str, Any] | None, b: dict[str, Any] | None,
         name, known["unit"], a["value"] if a else None, b["value"] if b and alike else None,
         a["u"] if a else None, b["u"] if b and alike else None, same,
     )  # fmt: skip
-    return {
-        "name": name,
-        "unit": one.unit,
-        "a": one.a,
-        "b": one.b,
-        "u_a": one.u_a,
-        "u_b": one.u_b,
-        "difference": one.difference,
-        "uncertainty": one.uncertainty,
-        "apart": one.apart,
-        "better": _better(one, known["better"]),
-    }
+    return {**one.as_json("u_a", "u_b"), "better": _better(one, known["better"])}
 
 
 def _better(one: Figure, rule: str | None) -> str | None:
