@@ -16,8 +16,8 @@ from benchmarks.verdicts.campaign import toml_of
 from device_emulator.scenario import load
 from hil.bench import Bench
 from hil.bench.examples import find
+from hil.comparing.course import given
 from hil.comparing.methods import methods_on
-from hil.comparing.record import given
 from hil.library.given import write_capture
 from hil.records.methods import Methods
 from hil.records.truth import Truth

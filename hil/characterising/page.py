@@ -13,10 +13,9 @@ from hil.characterising.figures import HEAD, AxisFigures, cells, headline
 from hil.records.atomic import write_text
 from hil.records.data_sheet import DataSheet
 from hil.report import markup
-from hil.report.figures.drawing import Drawing
-from hil.report.numbering import Figures
+from hil.report.markup import Figures
 from hil.report.sensor.words import NAMES, PER_HOUR
-from hil.report.theme import FIRST, INK, MUTED, SECOND, new_figure, plain_log_ticks
+from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, new_figure, plain_log_ticks
 from hil.report.verdict import Headline, date_of
 
 _PARTS = 24

@@ -49,8 +49,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
     from hil.cli.paper import Paper
     from hil.numbers import quantity
     from hil.report.diagnosis.equations import plain
-    from hil.report.diagnosis.force_table import force_terms
-    from hil.report.diagnosis.tables import dependence, estimate, fit_rows, floor_from, left_with, probable
+    from hil.report.diagnosis.tables import dependence, estimate, fit_rows, floor_from, force_terms, left_with, probable
 
     paper, style = Paper(), _STYLE[diagnosis.verdict]
     say = paper.say

@@ -19,7 +19,7 @@ from hil.bench.by_verb import of_a_record, require_usable
 from hil.characterising.figures import figures_of
 from hil.characterising.source import Axis, Block
 from hil.comparing import observers
-from hil.comparing.course import DAMPING, STIFFNESS, Judge, MethodCourse, Reference, reference_of
+from hil.comparing.course import DAMPING, STIFFNESS, Given, Judge, MethodCourse, Reference, given, reference_of
 from hil.comparing.observers import (
     GAINS,
     STATES,
@@ -31,7 +31,6 @@ from hil.comparing.observers import (
     without_effects,
 )
 from hil.comparing.own_loop import ADAPTIVE, board_course, loops_course, own_runs, require_emulated
-from hil.comparing.record import Given, given
 from hil.errors import InputError
 from hil.plugins.protocol import PluginError
 from hil.progress import Progress, Watcher

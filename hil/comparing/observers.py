@@ -20,8 +20,7 @@ from estimator.rotation import Rotation
 from estimator.scaling import Array
 from hil.bench import Bench, override
 from hil.bench.examples import directory
-from hil.comparing.course import DAMPING, STIFFNESS, MethodCourse
-from hil.comparing.record import Given
+from hil.comparing.course import DAMPING, STIFFNESS, Given, MethodCourse
 from hil.inputs.captured import gaps_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.plugins.of_bench import recorded_observer

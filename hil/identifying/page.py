@@ -16,9 +16,8 @@ from hil.identifying.request import IdentifyRequest
 from hil.numbers import counted, plus_minus, significant
 from hil.records.atomic import write_text
 from hil.report import markup
-from hil.report.figures.drawing import Drawing
-from hil.report.numbering import Figures
-from hil.report.theme import AXIS_COLOURS, INK, legend, new_figure, plain_log_ticks
+from hil.report.markup import Figures
+from hil.report.theme import AXIS_COLOURS, INK, Drawing, legend, new_figure, plain_log_ticks
 from hil.report.verdict import Headline
 
 _BINS = 240

@@ -23,8 +23,7 @@ from estimator.settings import ControllerSettings, Device
 from estimator.spans import spans
 from estimator.trims import Electrode
 from hil.bench import Bench
-from hil.records.capture import Capture, Hold, RowFlag
-from hil.records.trims import Trims
+from hil.records.capture import Capture, Hold, RowFlag, Trims
 
 _LEARNT = 50_000  # rows from which is learnt how the drive goes
 _STRETCHES = 10  # of a longer record

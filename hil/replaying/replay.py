@@ -19,10 +19,9 @@ from hil.inputs.captured import Acts, Samples, control_of, drives_of, gaps_of, p
 from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.progress import Progress, Watcher
 from hil.records.atomic import occupied, replacing
-from hil.records.capture import Capture, read_capture
+from hil.records.capture import TRIMS, Capture, read_capture, trims_beside
 from hil.records.changes import Change, note_change, read_changes
 from hil.records.runfolder import RunFolder
-from hil.records.trims import TRIMS, trims_beside
 from hil.running.angle import ReportedAngle
 from hil.running.concluding import Made, conclude
 from hil.running.live_settings import LiveSettings

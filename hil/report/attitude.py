@@ -9,9 +9,8 @@ from hil.records.atomic import write_text
 from hil.records.attitude import AttitudeRecord, AttitudeResult, load_attitude_result, read_attitude
 from hil.records.coverage import COVERAGE
 from hil.report import markup
-from hil.report.figures.drawing import Drawing
-from hil.report.numbering import Figures
-from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, span_time, stacked
+from hil.report.markup import Figures
+from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, legend, span_time, stacked
 from hil.report.verdict import Headline
 
 _TONES = {"good": "good", "interrupted": "open"}

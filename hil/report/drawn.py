@@ -3,15 +3,15 @@
 from collections.abc import Callable
 
 from hil.report.figures.angle import angle_figure
-from hil.report.figures.drawing import Drawing
 from hil.report.figures.parameters import parameters_figure, trims_figure
 from hil.report.figures.pattern import pattern_figure
 from hil.report.figures.rate import rate_figure
 from hil.report.figures.signals import closing_figure, innovation_figure, prediction_figure, signals_figure
 from hil.report.figures.spectrum import innovation_spectrum_figure
 from hil.report.figures.timing import turnaround_figure
+from hil.report.markup import Figures
 from hil.report.material import Material
-from hil.report.numbering import Figures
+from hil.report.theme import Drawing
 
 _FIGURES: tuple[Callable[[Material], Drawing | None], ...] = (
     closing_figure, angle_figure, rate_figure, parameters_figure, trims_figure, pattern_figure, signals_figure,

@@ -14,9 +14,8 @@ from hil.records.atomic import write_text
 from hil.records.methods import MethodKind, MethodRow, Methods
 from hil.records.runfolder import RunFolder
 from hil.report import markup
-from hil.report.figures.drawing import Drawing
-from hil.report.numbering import Figures
-from hil.report.theme import FIRST, INK, MUTED, SECOND, new_figure
+from hil.report.markup import Figures
+from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, new_figure
 from hil.report.verdict import Headline, date_of
 from hil.verdict.next_step import after_comparison
 

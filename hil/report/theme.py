@@ -5,7 +5,7 @@ That is how one figure serves light paper, a dark screen and print.
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
+
 
 INK, MUTED, RULE = "#1b2530", "#5c6873", "#d9dde1"
 FIRST, SECOND, BAD = "#1d5fa6", "#b8561b", "#b3261e"
@@ -154,3 +155,12 @@ def plain_log_ticks(axis: "Axis") -> None:
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < _FEW_DECADES * low else (1.0,)))
     axis.set_major_formatter("{x:g}")
     axis.set_minor_formatter(NullFormatter())
+
+
+class Drawing(NamedTuple):
+    """A figure, and its words: title, caption for all, description for those who do not see it."""
+
+    figure: "Figure"
+    title: str
+    caption: str
+    alt: str

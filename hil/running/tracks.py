@@ -12,12 +12,11 @@ from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.inputs.declared import formula_of
 from hil.plugins.plugged import Plugged
-from hil.records.capture import board_layout
+from hil.records.capture import board_layout, trims_layout
 from hil.records.clock import clock_layout
 from hil.records.estimates import board_estimates_layout, covariance_layout, estimates_layout, innovation_layout, packed
 from hil.records.layout import Layout
 from hil.records.timing import ledger_layout, timing_layout
-from hil.records.trims import trims_layout
 from hil.records.units import unit_of
 from hil.running.angle import ReportedAngle
 from hil.running.recorder import Track

@@ -129,7 +129,7 @@ def _try_plugins(bench: Bench, identity: Identity, tell: Say, *, own_process: bo
     """
     if bench.observer.plugin is None and bench.controller.plugin is None:
         return []
-    from hil.plugins.trial import tried, watch
+    from hil.plugins.of_bench import tried, watch
 
     tell(stage="prepare", done=0, total=0, note="the plug-ins are tried")
     if own_process:

@@ -16,9 +16,8 @@ from hil.inputs.captured import control_of, drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.progress import Progress, Watcher
 from hil.records.atomic import require_place
-from hil.records.capture import Capture, read_capture
+from hil.records.capture import Capture, read_capture, trims_beside
 from hil.records.diagnosis import save_diagnosis, to_model
-from hil.records.trims import trims_beside
 from hil.replaying.replay import require_fit
 from hil.running.run import new_folder
 from hil.tracing.request import TraceRequest

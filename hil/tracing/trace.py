@@ -25,12 +25,11 @@ from hil.inputs.declared import observer_settings_of, recorded_device_of
 from hil.inputs.swing import swing_slip
 from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, require_place, write_sealed
-from hil.records.capture import Capture, RowFlag, read_capture
+from hil.records.capture import Capture, RowFlag, read_capture, trims_beside
 from hil.records.diagnosis import MissingForce as WrittenForce
 from hil.records.diagnosis import save_diagnosis, to_model
 from hil.records.force import refused, save_force
 from hil.records.force import to_model as force_model
-from hil.records.trims import trims_beside
 from hil.replaying.replay import fitting, require_fit
 from hil.running.run import new_folder
 from hil.tracing.demodulated import trace_ring_down, trace_streams

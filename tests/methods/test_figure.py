@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.records.methods import MethodRow, Methods
+from hil.report.markup import inline_svg
 from hil.report.methods import Line, _apart, angle_error_figure, table
-from hil.report.numbering import inline_svg
 from hil.report.theme import drawing_style
 
 FOUND = Methods(record="r", bench="b", seconds=10.0, window_s=(2.0, 10.0), reference="truth", rows=(), remarks=())

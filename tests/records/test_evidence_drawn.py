@@ -13,9 +13,8 @@ from estimator.diagnosis import Rejected
 from hil.library import trace_figure
 from hil.records.diagnosis import Diagnosis, to_model
 from hil.report.diagnosis import evidence
-from hil.report.figures.drawing import Drawing
-from hil.report.numbering import inline_svg
-from hil.report.theme import FIRST, MUTED, drawing_style
+from hil.report.markup import inline_svg
+from hil.report.theme import FIRST, MUTED, Drawing, drawing_style
 from tests.records.test_diagnosis import answer
 
 CARRIED = Rejected("quintic_stiffness", "carried, it gains 850", {}, 60_000.0, 1.527e8)

@@ -14,8 +14,8 @@ from hil.exporting.exporter import export
 from hil.records import force as records
 from hil.records.diagnosis import load_diagnosis, save_diagnosis, to_model
 from hil.report.diagnosis import write_report
-from hil.report.diagnosis.force_table import force_terms
 from hil.report.diagnosis.missing_force import fast, slow
+from hil.report.diagnosis.tables import force_terms
 from tests.records.test_diagnosis import DEVICE, RATE, RESONANCE, N, answer, ride
 
 OMEGA = 2.0 * np.pi * RESONANCE

@@ -6,7 +6,7 @@ import pytest
 
 from estimator.diagnosis import Interval
 from hil.report.diagnosis import evidence
-from hil.report.numbering import inline_svg
+from hil.report.markup import inline_svg
 from hil.report.theme import drawing_style
 
 

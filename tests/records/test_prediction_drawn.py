@@ -11,11 +11,10 @@ from hil.records.diagnosis import to_model
 from hil.records.runfolder import RunFolder
 from hil.report.diagnosis.evidence import held_out_figure
 from hil.report.diagnosis.material import Material as Traced
-from hil.report.figures.drawing import Drawing
 from hil.report.figures.signals import prediction_figure
+from hil.report.markup import inline_svg
 from hil.report.material import Material
-from hil.report.numbering import inline_svg
-from hil.report.theme import drawing_style
+from hil.report.theme import Drawing, drawing_style
 from tests.records.synthetic_run import Options, write_run
 from tests.records.test_diagnosis import DEVICE, NOISE, RATE, RESONANCE, answer, ride
 

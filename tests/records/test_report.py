@@ -51,7 +51,7 @@ def undrawn(monkeypatch):
     def empty(figure, key, title, alt):
         return f'<svg role="img" aria-label="{key}"></svg>'
 
-    monkeypatch.setattr("hil.report.numbering.inline_svg", empty)
+    monkeypatch.setattr("hil.report.markup.inline_svg", empty)
 
 
 def figures(page):

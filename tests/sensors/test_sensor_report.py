@@ -75,7 +75,7 @@ def page(tmp_path: Path) -> Make:
 @pytest.fixture
 def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves out the drawing, which is nearly all of the time, where only words are looked at."""
-    monkeypatch.setattr("hil.report.numbering.inline_svg", lambda *_: '<svg role="img"></svg>')
+    monkeypatch.setattr("hil.report.markup.inline_svg", lambda *_: '<svg role="img"></svg>')
 
 
 def noise(n: int, densities: tuple[float, ...] = (0.15, 0.3, 0.6), seed: int = 1) -> np.ndarray:

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 
 from hil.cli.top import rows
+from hil.records.capture import trims_layout
 from hil.records.estimates import estimates_layout
-from hil.records.trims import trims_layout
 from hil.service.telemetry.hub import Now
 
 

@@ -10,9 +10,8 @@ from estimator.scaling import Array
 from hil.numbers import count, counted, significant, unit_for
 from hil.records.diagnosis import Diagnosis
 from hil.report.diagnosis.page import Pictures, write_page
-from hil.report.figures.drawing import Drawing
-from hil.report.numbering import Figures
-from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, new_figure, span_time, stacked
+from hil.report.markup import Figures
+from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, legend, new_figure, span_time, stacked
 
 
 def write_envelope_report(folder: Path, envelope: Envelope, found: traced.Diagnosis, diagnosis: Diagnosis) -> Path:

@@ -10,10 +10,9 @@ from estimator.diagnosis import Interval
 from hil.numbers import count, percent, prefix_for, quantity, significant
 from hil.records import diagnosis as written
 from hil.report.diagnosis.material import Material
-from hil.report.figures.drawing import Drawing
 from hil.report.figures.signals import Left, prediction_panels, window
 from hil.report.figures.spectrum import mark_multiples
-from hil.report.theme import FIRST, INK, MUTED, SECOND, legend, new_figure, plain_log_ticks, span_time, stacked
+from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, legend, new_figure, plain_log_ticks, span_time, stacked
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

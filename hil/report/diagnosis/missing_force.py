@@ -18,8 +18,7 @@ from estimator.missing_force.result import MissingForce
 from estimator.scaling import Array
 from hil.numbers import prefix_for
 from hil.report.diagnosis.material import Material
-from hil.report.figures.drawing import Drawing
-from hil.report.theme import FIRST, MUTED, SECOND, new_figure
+from hil.report.theme import FIRST, MUTED, SECOND, Drawing, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

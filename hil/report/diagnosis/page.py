@@ -14,7 +14,7 @@ from hil.records.atomic import write_text
 from hil.records.diagnosis import Diagnosis
 from hil.records.runfolder import RunFolder
 from hil.report import markup
-from hil.report.diagnosis import force_table, missing_force, tables
+from hil.report.diagnosis import missing_force, tables
 from hil.report.diagnosis.equations import typeset
 from hil.report.diagnosis.evidence import (
     evidence_figure,
@@ -24,7 +24,8 @@ from hil.report.diagnosis.evidence import (
     residual_level_figure,
 )
 from hil.report.diagnosis.material import Material
-from hil.report.numbering import Figures
+from hil.report.diagnosis.tables import force_coefficients
+from hil.report.markup import Figures
 from hil.report.verdict import Headline, facts_of_trace
 from hil.verdict.next_step import after_trace
 
@@ -199,7 +200,7 @@ def _force(diagnosis: Diagnosis, picture: str) -> tuple[str, ...]:
     found = diagnosis.missing_force
     if found is None:
         return ()
-    return markup.paragraph(markup.sentence(found.text)), force_table.coefficients(found), picture
+    return markup.paragraph(markup.sentence(found.text)), force_coefficients(found), picture
 
 
 def _held(diagnosis: Diagnosis) -> str:

@@ -4,7 +4,17 @@ import math
 from collections.abc import Mapping, Sequence
 
 from hil.numbers import count, percent, plus_minus, quantity, sensed, significant
-from hil.records.diagnosis import Coefficient, Dependence, Diagnosis, Finding, Probabilities, Separation, Unconfirmed
+from hil.records.diagnosis import (
+    Coefficient,
+    Dependence,
+    Diagnosis,
+    Finding,
+    FormTerm,
+    MissingForce,
+    Probabilities,
+    Separation,
+    Unconfirmed,
+)
 from hil.report.markup import table
 from hil.report.tables import shown_unit
 
@@ -242,3 +252,31 @@ def _bound(symbol: str, found: Coefficient) -> str:
 
 def _plain(name: str) -> str:
     return name.replace("_", " ")
+
+
+def force_coefficients(found: MissingForce) -> str:
+    """Each term with its force_coefficients."""
+    rows = [
+        (term.form, name, "reading" if term.sensed else "force", estimate(one), interval(one))
+        for term in found.form
+        for name, one in term.coefficients.items()
+    ]
+    rows += [(term.form, name, "inside", estimate(one), "") for term in found.form for name, one in term.inside.items()]
+    head = ["term", "of", "in the", "coefficient", "95 % interval"]
+    caption = "The form of the missing force: force_coefficients SI per unit mass, with the sign with which they push"
+    return table(caption, head, rows, (3, 4)) if rows else ""
+
+
+def force_terms(found: MissingForce) -> list[str]:
+    """A line for each coefficient."""
+    lines = []
+    for term in found.form:
+        inside = "".join(f", {name} = {estimate(one)}" for name, one in term.inside.items())
+        lines += [
+            f"{_where(term)}{name}: {estimate(one)} · {term.form}{inside}" for name, one in term.coefficients.items()
+        ]
+    return lines
+
+
+def _where(term: FormTerm) -> str:
+    return "sensed " if term.sensed else "force on "

@@ -10,10 +10,9 @@ from hil.records.coverage import COVERAGE
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
 from hil.records.table import scored_from_s
-from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import PixelSeries
-from hil.report.theme import BAD, FIRST, INK, MUTED, SECOND, fit_to, legend, span_time, stacked, trace
+from hil.report.theme import BAD, FIRST, INK, MUTED, SECOND, Drawing, fit_to, legend, span_time, stacked, trace
 
 _RIVAL_SHOWN_WITHIN = 4.0
 """Integrated rate may stretch the scale of the angle error by this much, and leaves the panel beyond."""

@@ -9,11 +9,10 @@ from hil.numbers import in_thousands, plus_minus, prefix_for
 from hil.records.coverage import SD_95
 from hil.records.estimates import Estimates
 from hil.records.units import symbol_of
-from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import PixelSeries
 from hil.report.tables import rank, shown, shown_unit
-from hil.report.theme import FIRST, INK, fit_to, legend, new_figure, span_time, stacked, trace
+from hil.report.theme import FIRST, INK, Drawing, fit_to, legend, new_figure, span_time, stacked, trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -6,10 +6,9 @@ import numpy as np
 
 from hil.numbers import prefix_for, relative
 from hil.records.estimates import Estimates
-from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import DRAWABLE
-from hil.report.theme import FIRST, INK, MUTED, SECOND, fit_to, new_figure, span_time, trace
+from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, fit_to, new_figure, span_time, trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,10 +9,9 @@ from hil.numbers import percent, prefix_for, quantity
 from hil.records.coverage import SD_95
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
-from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material, Reference
 from hil.report.pixel_series import PixelSeries, spread
-from hil.report.theme import FIRST, INK, fit_to, legend, span_time, stacked, trace
+from hil.report.theme import FIRST, INK, Drawing, fit_to, legend, span_time, stacked, trace
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

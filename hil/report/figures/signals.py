@@ -9,7 +9,6 @@ import numpy as np
 from hil.numbers import percent, prefix_for, quantity, sensed, significant, unit_for
 from hil.records.coverage import SD_95
 from hil.records.rate_reference import Compared
-from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import PixelSeries, pixel_series
 from hil.report.theme import (
@@ -18,6 +17,7 @@ from hil.report.theme import (
     INK,
     MUTED,
     SECOND,
+    Drawing,
     fit_to,
     legend,
     new_figure,

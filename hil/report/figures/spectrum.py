@@ -7,9 +7,8 @@ import numpy as np
 
 from hil.numbers import quantity, unit_for
 from hil.records.estimates import stretches, usual_sd_V
-from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.theme import AXIS_COLOURS, INK, MUTED, legend, new_figure, plain_log_ticks
+from hil.report.theme import AXIS_COLOURS, INK, MUTED, Drawing, legend, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -8,9 +8,8 @@ import numpy as np
 from hil.numbers import count, percent, significant
 from hil.records.quantiles import quantiles
 from hil.records.result import Percentiles
-from hil.report.figures.drawing import Drawing
 from hil.report.material import Floats, Material
-from hil.report.theme import BAD, FIRST, MUTED, new_figure, plain_log_ticks
+from hil.report.theme import BAD, FIRST, MUTED, Drawing, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -1,17 +1,19 @@
 """Puts the page of a recorded rate sensor together and writes it."""
 
+import math
 from pathlib import Path
 from typing import NamedTuple
 
-from hil.numbers import count, percent, quantity, share, significant
+from hil.numbers import count, percent, plus_minus, prefix_for, quantity, share, significant
 from hil.records.atomic import write_text
+from hil.records.result import Channel
 from hil.records.runfolder import RunFolder
 from hil.report import markup
-from hil.report.markup import table
-from hil.report.numbering import Figures
-from hil.report.sensor import tables, words
+from hil.report.markup import Figures, table
+from hil.report.sensor import words
 from hil.report.sensor.material import SensorMaterial
 from hil.report.sensor.panels import allan_figure, rate_density_figure, sensor_rate_figure
+from hil.report.sensor.words import NAMES, PER_HOUR, interval
 from hil.report.tables import provenance
 from hil.report.verdict import Headline, facts, headline
 from hil.sensors.record import BENIGN, DAMAGED, LOST
@@ -34,7 +36,7 @@ def render(material: SensorMaterial) -> str:
     remarks = "".join(markup.paragraph(markup.sentence(remark)) for remark in (*result.reasons, *result.remarks))
     sections = [
         markup.section(
-            "recorded", "What was recorded", markup.paragraph(words.recorded(material)), tables.axes(material)
+            "recorded", "What was recorded", markup.paragraph(words.recorded(material)), axes_table(material)
         ),
         markup.section("checks", "Checks", remarks, checks_table(material)),
         markup.section(
@@ -45,7 +47,7 @@ def render(material: SensorMaterial) -> str:
             "Noise",
             *(markup.paragraph(said) for said in words.noise(material)),
             figures.add(lambda: allan_figure(material)),
-            tables.noise(material),
+            noise_table(material),
             markup.paragraph(words.METHOD + _missing(material)),
             figures.add(lambda: rate_density_figure(material)),
         ),
@@ -203,3 +205,50 @@ def _at_most(limit: float) -> str:
 
 def _word(kept: bool | None) -> str:
     return "" if kept is None else "yes" if kept else "no"
+
+
+def axes_table(material: SensorMaterial) -> str:
+    """Mean, spread, noise_table and extremes of each axis."""
+    spread = max((channel.sd_rad_s for channel in material.sensor.channels.values()), default=0.0)
+    factor, prefix = prefix_for(math.degrees(spread))
+    rows = []
+    for axis, rate in material.rates_rad_s.items():
+        channel = material.sensor.channels[axis]
+        noise_table = "–" if channel.noise_rad_s is None else significant(math.degrees(channel.noise_rad_s) * factor)
+        rows.append(
+            (
+                axis,
+                _mean(channel, rate.size),
+                significant(math.degrees(channel.sd_rad_s) * factor),
+                noise_table,
+                significant(math.degrees(float(rate.min())), 4),
+                significant(math.degrees(float(rate.max())), 4),
+            )
+        )
+    unit = f"({prefix}deg/s)"
+    head = ("axis", "mean / (deg/s)", f"standard deviation / {unit}", f"white noise_table of a sample / {unit}")
+    caption = "Each axis over the whole record; white noise_table by the differences of neighbouring samples"
+    return table(caption, (*head, "least / (deg/s)", "most / (deg/s)"), rows, (1, 2, 3, 4, 5))
+
+
+def _mean(channel: Channel, samples: int) -> str:
+    """In deg/s, to the digits that white noise_table of its spread leaves it."""
+    mean, sd = math.degrees(channel.mean_rad_s), math.degrees(channel.sd_rad_s)
+    return plus_minus(mean, 2.0 * sd / math.sqrt(samples), beside=mean)
+
+
+def noise_table(material: SensorMaterial) -> str:
+    """What the Allan deviation of each axis shows."""
+    rows = []
+    for axis, found in material.noise.items():
+        for term, read in found.readings.items():
+            if term != "flicker":
+                rows.append((axis, NAMES[term][0], interval(read, term), f"{significant(read.tau_s)} s"))
+        if found.bias_instability is not None:
+            read = found.bias_instability
+            rows.append((axis, "bias instability", interval(read, "flicker"), f"{significant(read.tau_s)} s"))
+        elif found.bias_bound_rad_s is not None:
+            bound = f"too short to tell; below {significant(found.bias_bound_rad_s * PER_HOUR, 2)}\u00a0°/h"
+            rows.append((axis, "bias instability", bound, f"{significant(found.told_s or 0.0)} s"))
+    head = ("axis", "noise", "value, 95 % interval", "read at τ")
+    return table("Noise, as far as the record tells", head, rows, (3,)) if rows else ""

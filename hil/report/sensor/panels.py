@@ -7,12 +7,11 @@ import numpy as np
 
 from estimator.allan.noise import FLOOR, TOLD_CLUSTERS
 from hil.numbers import prefix_for, significant
-from hil.report.figures.drawing import Drawing
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.pixel_series import pixel_series
 from hil.report.sensor.material import SensorMaterial
 from hil.report.sensor.words import PER_HOUR, noise
-from hil.report.theme import FIRST, INK, MUTED, SECOND, new_figure, plain_log_ticks, span_time, stacked, trace
+from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, new_figure, plain_log_ticks, span_time, stacked, trace
 
 if TYPE_CHECKING:
     from matplotlib.artist import Artist
