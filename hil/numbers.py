@@ -170,3 +170,10 @@ def with_and(names: Iterable[str]) -> str:
     """`a, b and c`."""
     *others, last = names
     return f"{', '.join(others)} and {last}" if others else last
+
+
+COVERAGE = 2.0
+"""Factor k of the expanded uncertainty U = k u: about 95 % for what is nearly normal."""
+
+SD_95 = 1.959964
+"""Half width of a 95 % interval in standard deviations of a normal variable."""

@@ -5,7 +5,7 @@
     pytest --hil-bench my.bench.toml --hil-record ride.csv --hil-map my.map.toml
 
 Fixtures: `bench`, the bench file; `board`, a `hil.testing.board.BoardUnderTest` of that link; `sensor`, a
-`hil.testing.sensor.SensorUnderTest`; `record`, a `hil.testing.record.RecordUnderTest`. Markers:
+`hil.testing.board.SensorUnderTest`; `record`, a `hil.testing.board.RecordUnderTest`. Markers:
 `hil_clock(name)`, the test needs a board that keeps that clock; `hil_emulated`, it needs an emulated board (its truth,
 say).
 
@@ -21,9 +21,7 @@ import pytest
 
 if TYPE_CHECKING:
     from hil.bench import Bench
-    from hil.testing.board import BoardUnderTest
-    from hil.testing.record import RecordUnderTest
-    from hil.testing.sensor import SensorUnderTest
+    from hil.testing.board import BoardUnderTest, RecordUnderTest, SensorUnderTest
 
 _FAULT = pytest.StashKey[bool]()
 
@@ -98,7 +96,7 @@ def board(request: pytest.FixtureRequest, bench: "Bench", tmp_path: Path) -> Ite
 def sensor(request: pytest.FixtureRequest, tmp_path: Path) -> "SensorUnderTest":
     """The sensor at `--hil-sensor`; nothing is opened before it is recorded."""
     from hil.errors import InputError
-    from hil.testing.sensor import SensorUnderTest
+    from hil.testing.board import SensorUnderTest
 
     try:
         return SensorUnderTest(_given(request.config, "sensor", "stim300:/dev/ttyUSB0"), tmp_path / "runs")
@@ -110,7 +108,7 @@ def sensor(request: pytest.FixtureRequest, tmp_path: Path) -> "SensorUnderTest":
 def record(request: pytest.FixtureRequest, tmp_path: Path) -> "RecordUnderTest":
     """The record at `--hil-record`, imported where it is no capture, with the bench of `--hil-bench` or its own."""
     from hil.errors import InputError
-    from hil.testing.record import RecordUnderTest
+    from hil.testing.board import RecordUnderTest
 
     config = request.config
     try:

@@ -27,9 +27,7 @@ from hil.service.jobs.asked import Asked
 from hil.service.routes_board import Start
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.options import LocalSweepOptions, SweepOptions
-from hil.testing.board import BoardUnderTest
-from hil.testing.record import RecordUnderTest
-from hil.testing.sensor import SensorUnderTest
+from hil.testing.board import BoardUnderTest, RecordUnderTest, SensorUnderTest
 from hil.tracing.options import TraceOptions
 from tests.forked import hil_says
 from tests.running import gyro

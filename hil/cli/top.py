@@ -6,7 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from hil.cli.options import RUNS, Json
-from hil.records.coverage import COVERAGE
+from hil.numbers import COVERAGE
 
 Url = Annotated[
     str | None, typer.Argument(metavar="[URL]", help="Address with the token, as hil serve prints it; else --folder.")

@@ -17,9 +17,9 @@ from hil.bench import Bench
 from hil.errors import InputError
 from hil.inputs.captured import Samples, at_rest, control_of, drives_of, samples_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
+from hil.numbers import COVERAGE
 from hil.progress import alarms_only
 from hil.records.capture import Capture, trims_beside
-from hil.records.coverage import COVERAGE
 from hil.records.methods import MethodKind, MethodRow
 from hil.records.result import Scan
 from hil.records.runfolder import RunFolder

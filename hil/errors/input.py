@@ -6,7 +6,7 @@ import unicodedata
 from collections.abc import Sequence
 from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 _LONGEST, _END = 900, 300
 _TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
@@ -112,3 +112,28 @@ def loaded(entry: EntryPoint, asked: str) -> Any:
         raise InputError(
             f"{asked}: {entry.value} cannot be loaded: {error}; mend or remove the package that brings it"
         ) from error
+
+
+_LONGEST_LINE = 400  # characters of a line: what was given may be quoted in it
+
+
+class Refusal(NamedTuple):
+    """Two lines for a program."""
+
+    error: str
+    remedy: str
+
+
+def refusal_of(line: str, remedy: str = "", otherwise: str = "") -> Refusal:
+    """What is wrong and what to do about it: where no remedy is given it is the end of the line, behind its last
+    semicolon, as every error of the bench has it, else `otherwise`.
+    """
+    if not remedy:
+        said, mark, last = line.rpartition("; ")
+        line, remedy = (said, last) if mark and last.strip() else (line, otherwise)
+    return Refusal(_line(line) or "refused", _line(remedy))
+
+
+def _line(text: str) -> str:
+    line = printable(" ".join(text[: 4 * _LONGEST_LINE].split()))
+    return line if len(line) <= _LONGEST_LINE else f"{line[: _LONGEST_LINE - 1]}…"

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.coverage import COVERAGE
+from hil.numbers import COVERAGE
 from hil.records.units import symbol_of
 
 if TYPE_CHECKING:

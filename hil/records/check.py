@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from hil.errors import InputError
-from hil.records.atomic import read_json, replacing
+from hil.records.atomic import is_sealed, read_json, replacing
 from hil.records.blocks import Scan, StoredColumns, pieces_of, scan_blocks
 from hil.records.capture import missing
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
 from hil.records.table import cut_after
-from hil.records.text_seal import is_sealed
 
 STEMS = ("capture", "innovation", "estimates", "board_estimates", "covariance", "timing", "clock")
 """Record files of a run, by stem."""

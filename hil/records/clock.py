@@ -24,7 +24,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95
 from hil.records.layout import BOARD, HOST, TICK, Column, Layout
 from hil.records.table import Table
 

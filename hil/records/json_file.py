@@ -6,8 +6,7 @@ from typing import TypeVar
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from hil.errors import InputError
-from hil.records.atomic import read_json, write_text
-from hil.records.text_seal import UNSEALED, require_unchanged, sealed
+from hil.records.atomic import UNSEALED, read_json, require_unchanged, sealed, write_text
 
 
 class Strict(BaseModel):

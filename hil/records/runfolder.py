@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from hil.errors import InputError
+from hil.records.atomic import require_unchanged
 from hil.records.capture import TRIMS, Capture, Trims
 from hil.records.clock import ClockRecord
 from hil.records.estimates import Covariance, Estimates, Innovation
 from hil.records.kind import TRACE, kind_of
 from hil.records.table import scored_from_s
-from hil.records.text_seal import require_unchanged
 from hil.records.timing import Timing
 from hil.wire.regular_file import require_regular
 

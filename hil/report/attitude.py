@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 
-from hil.numbers import quantity, significant
+from hil.numbers import COVERAGE, quantity, significant
 from hil.records.atomic import write_text
 from hil.records.attitude import AttitudeRecord, AttitudeResult, load_attitude_result, read_attitude
-from hil.records.coverage import COVERAGE
 from hil.report import markup
 from hil.report.markup import Figures
 from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, legend, span_time, stacked

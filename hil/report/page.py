@@ -3,9 +3,8 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from hil.numbers import magnitude, quantity, together
+from hil.numbers import COVERAGE, magnitude, quantity, together
 from hil.records.atomic import write_text
-from hil.records.coverage import COVERAGE
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth, read_truth
 from hil.report import markup, tables

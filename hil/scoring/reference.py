@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from estimator.characteristics.regression import Fitted, fitted
 from hil.bench import Bench
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95
 from hil.records.result import Parameter, Reference, Sensor
 from hil.records.runfolder import RunFolder
 

@@ -14,12 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95
 from hil.records.estimates import Estimates
-from hil.records.on_board import on_board
 from hil.records.result import OnBoard, Result, Score, save_result
 from hil.records.runfolder import RunFolder
-from hil.records.summary import parameters, reporting_mass_kg, summarise
+from hil.records.summary import on_board, parameters, reporting_mass_kg, summarise
 from hil.records.table import Table
 from hil.records.truth import Truth, read_truth
 from hil.scoring.nees import nees

@@ -15,7 +15,7 @@ from starlette.exceptions import HTTPException
 from estimator.errors import ModelError
 from hil.errors import InputError, refusal_of
 from hil.errors.ending import NO_ROOM, ExitCode, ending_of, fault_line
-from hil.errors.refusal import Refusal
+from hil.errors.input import Refusal
 from hil.wire.errors import WireError
 
 _UNDONE = "nothing was done; make room and ask again"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95
 from hil.sweeping.campaign import Vary
 from hil.sweeping.plan import Plan
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95
 from hil.scoring.nees import band
 from hil.sweeping.figures import STATES
 

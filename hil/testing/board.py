@@ -5,16 +5,23 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any, NamedTuple, Unpack, cast, get_type_hints
 
+import hil
 from hil.bench import Bench, override
 from hil.boards.emulation import is_emulated, served
 from hil.errors import InputError
+from hil.importing.options import ImportOptions
 from hil.library.keywords import takes
 from hil.library.loading import Trace
 from hil.library.verbs import trace
 from hil.progress import untold
+from hil.records.capture import Capture, read_capture
+from hil.records.listing import named
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+from hil.replaying.options import ReplayOptions
 from hil.running.options import LocalRunOptions
+from hil.sensors.options import RecordOptions
+from hil.sensors.port import find_port
 from hil.tracing.options import TraceOptions
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -168,3 +175,53 @@ class BoardUnderTest:
     def _require_consent(self) -> None:
         if not self._may_arm:
             raise CannotDo(f"{self.link}: arming a board that is not emulated needs --hil-arm")
+
+
+class RecordUnderTest:
+    """A run's folder, a capture, or a file that `hil import` reads.
+
+    Attributes:
+        path: the capture.
+        bench: the bench file by which it is replayed and traced, None for that of its run.
+    """
+
+    def __init__(self, place: Path, bench: Path | None, aside: Path, **options: Unpack[ImportOptions]) -> None:
+        """What is made of it lies below `aside`.  Raises InputError where it cannot be read."""
+        self.bench = bench
+        self._aside = aside
+        place = named(place)
+        if place.is_dir():
+            place = place / "capture.arrow"
+        elif place.suffix != ".arrow":
+            place = hil.import_record(place, out=aside / f"{place.stem}.arrow", replace=True, **options).path
+        self.path = place
+
+    @property
+    def capture(self) -> Capture:
+        """Its samples."""
+        return read_capture(self.path)
+
+    @takes(ReplayOptions)
+    def replay(self, **options: Unpack[ReplayOptions]) -> hil.Run:
+        """As `hil.replay`."""
+        return hil.replay(self.path, self.bench, out=self._aside / "runs", progress=untold, **options)
+
+    @takes(TraceOptions)
+    def trace(self, **options: Unpack[TraceOptions]) -> hil.Trace:
+        """As `hil.trace`."""
+        return hil.trace(self.path, self.bench, out=self._aside / "runs", progress=untold, **options)
+
+
+class SensorUnderTest:
+    """The sensor at a link `NAME:PATH[?baud=N]`, NAME being that of an adapter; `adapter` decodes its stream."""
+
+    def __init__(self, link: str, runs: Path) -> None:
+        """Recordings are made below `runs`.  Raises InputError where there is no such adapter."""
+        self.link = link
+        self.adapter = find_port(link).adapter
+        self._runs = runs
+
+    @takes(RecordOptions)
+    def record(self, **options: Unpack[RecordOptions]) -> hil.Run:
+        """As `hil.record`."""
+        return hil.record(self.link, out=self._runs, progress=untold, **options)

@@ -17,8 +17,7 @@ from hil.bench import Bench
 from hil.bench.calibration import SYMBOLS
 from hil.bench.classic import PLUGIN as CLASSIC
 from hil.inputs.declared import formula_of
-from hil.numbers import quantity, significant
-from hil.records.coverage import COVERAGE, SD_95
+from hil.numbers import COVERAGE, SD_95, quantity, significant
 from hil.records.estimates import Estimates
 from hil.records.result import Angle, Contribution, Lacking, Scan
 from hil.verdict.uncertainty import DAMPING, ESTIMATION, Sources, source_of

@@ -16,9 +16,9 @@ from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from hil.cli.show_diagnosis import finish, print_diagnosis
 from hil.errors import InputError
+from hil.records.atomic import sealed
 from hil.records.diagnosis import Diagnosis, Probabilities, load_diagnosis, save_diagnosis, to_model
 from hil.records.result import Result, save_result
-from hil.records.text_seal import sealed
 from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
 from hil.report.diagnosis.page import Pictures, headline, write_page

@@ -7,11 +7,11 @@ import pytest
 from crc32c import crc32c
 
 from hil.errors import InputError
+from hil.records.atomic import is_sealed, require_unchanged, sealed
 from hil.records.check import check
 from hil.records.listing import listed
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
-from hil.records.text_seal import is_sealed, require_unchanged, sealed
 
 BENCH = '[device]\nname = "gyro"\n\n[loop]\nname = "night"\n\n[observer]\nmemory_s = 1.0\n'
 

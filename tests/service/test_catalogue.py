@@ -20,8 +20,7 @@ from pydantic import ValidationError
 
 import hil
 from hil.errors import InputError
-from hil.records.atomic import is_occupied, occupied, write_sealed
-from hil.records.text_seal import sealed
+from hil.records.atomic import is_occupied, occupied, sealed, write_sealed
 from hil.service.catalogue import queries
 from hil.service.catalogue.catalogue import Catalogue, Conflict
 from hil.service.catalogue.entry import id_of

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 import hil
-from hil.records.text_seal import sealed
+from hil.records.atomic import sealed
 from tests.service.folders import another
 from tests.service.records import write
 from tests.service.serving import Serving, serving

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hil.records.coverage import COVERAGE
+from hil.numbers import COVERAGE
 from hil.records.result import Lacking, Scan
 from hil.verdict.budget import budget
 from tests.verdict.gyro_estimates import estimates

@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from estimator.spans import spans
-from hil.numbers import prefix_for, quantity, significant
-from hil.records.coverage import COVERAGE
+from hil.numbers import COVERAGE, prefix_for, quantity, significant
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
 from hil.records.table import scored_from_s

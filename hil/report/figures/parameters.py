@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from hil.numbers import in_thousands, plus_minus, prefix_for
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95, in_thousands, plus_minus, prefix_for
 from hil.records.estimates import Estimates
 from hil.records.units import symbol_of
 from hil.report.material import Floats, Material

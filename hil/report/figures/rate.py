@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hil.numbers import percent, prefix_for, quantity
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95, percent, prefix_for, quantity
 from hil.records.estimates import Estimates
 from hil.records.rate_reference import Compared
 from hil.report.material import Floats, Material, Reference

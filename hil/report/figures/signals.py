@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hil.numbers import percent, prefix_for, quantity, sensed, significant, unit_for
-from hil.records.coverage import SD_95
+from hil.numbers import SD_95, percent, prefix_for, quantity, sensed, significant, unit_for
 from hil.records.rate_reference import Compared
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import PixelSeries, pixel_series

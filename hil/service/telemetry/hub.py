@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hil.records.coverage import COVERAGE
+from hil.numbers import COVERAGE
 from hil.records.estimates import steady
 from hil.service.telemetry.deadlines import Deadlines
 from hil.service.telemetry.deadlines import told as deadlines
