@@ -36,7 +36,7 @@ def doctor(link: DoctorLink = None, json: Json = False) -> None:
     from hil.doctor import machine, ports
     from hil.errors.ending import ExitCode, is_fault
 
-    findings = [*machine.examine(), *machine.examine(), *ports.examine()]
+    findings = [*machine.examine(), *machine.examine_target(), *ports.examine()]
     measured = None
     if link is not None:
         about_link, measured = link_.examine(located(link))

@@ -29,7 +29,7 @@ class _File:
         self._name = name
 
     def __get__(self, folder: "RunFolder", _: object) -> Path:
-        return folder.path / self._name
+        return folder.file(self._name)
 
 
 class _Part(Generic[_Record]):
@@ -42,7 +42,7 @@ class _Part(Generic[_Record]):
         self._attribute = attribute
 
     def __get__(self, folder: "RunFolder", _: object) -> _Record | None:
-        path = folder.path / self._name
+        path = folder.file(self._name)
         found = folder.__dict__[self._attribute] = self._read(path) if path.exists() else None
         return found
 
@@ -80,6 +80,10 @@ class RunFolder:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+
+    def file(self, name: str) -> Path:
+        """Where a file of it is, or would be."""
+        return self.path / name
 
     @classmethod
     def open(cls, path: Path) -> "RunFolder":

@@ -56,9 +56,9 @@ def test_a_fit_machine(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_what_a_board_in_qemu_needs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("shutil.which", lambda command: f"/usr/bin/{command}")
-    assert [finding.state for finding in machine.examine()] == ["good"] * 2
+    assert [finding.state for finding in machine.examine_target()] == ["good"] * 2
     monkeypatch.setattr("shutil.which", lambda _: None)
-    compiler, emulator = machine.examine()
+    compiler, emulator = machine.examine_target()
     assert compiler.remedy == "sudo apt install gcc-arm-none-eabi libnewlib-arm-none-eabi"
     assert emulator.remedy == "sudo apt install qemu-system-arm"
 
