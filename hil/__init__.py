@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from hil.identifying.identify import Identified as Identified
     from hil.importing.importer import Imported as Imported
     from hil.library.campaign import Sweep as Sweep
-    from hil.library.finished_run import Run as Run
     from hil.library.generating import generate as generate
     from hil.library.live import Block as Block
     from hil.library.live import Live as Live
+    from hil.library.loading import Run as Run
     from hil.library.loading import Trace as Trace
     from hil.library.loading import load as load
     from hil.library.loading import load_trace as load_trace
@@ -70,10 +70,9 @@ _OFFERED = {
     "hil.identifying.identify": ("Identified",),
     "hil.importing.importer": ("Imported",),
     "hil.library.campaign": ("Sweep",),
-    "hil.library.finished_run": ("Run",),
+    "hil.library.loading": ("Run", "Trace", "load", "load_trace"),
     "hil.library.generating": ("generate",),
     "hil.library.live": ("Block", "Live"),
-    "hil.library.loading": ("Trace", "load", "load_trace"),
     "hil.library.series": ("Series",),
     "hil.library.sheets": ("Sheet",),
     "hil.library.verbs": (

@@ -33,10 +33,10 @@ def doctor(link: DoctorLink = None, json: Json = False) -> None:
     """
     from hil.boards.emulation import located
     from hil.doctor import link as link_
-    from hil.doctor import machine, ports
+    from hil.doctor import machine
     from hil.errors.ending import ExitCode, is_fault
 
-    findings = [*machine.examine(), *machine.examine_target(), *ports.examine()]
+    findings = [*machine.examine(), *machine.examine_target(), *machine.examine_ports()]
     measured = None
     if link is not None:
         about_link, measured = link_.examine(located(link))

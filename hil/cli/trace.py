@@ -10,9 +10,8 @@ from hil.tracing.options import TraceOptions
 
 if TYPE_CHECKING:
     from hil.bench import Bench
-    from hil.tracing.request import TraceRequest
+    from hil.tracing.request import Traced, TraceRequest
     from hil.tracing.separate import Asked
-    from hil.tracing.traced import Traced
 
 Add = Annotated[
     Path | None,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from hil.client.requests import Requests
 from hil.errors import InputError
-from hil.library.finished_run import Run
+from hil.library.loading import Run
 from hil.records.runfolder import RunFolder
 
 

@@ -44,7 +44,7 @@ from hil.report.methods import Line, write_report
 from hil.running.run import new_folder
 from hil.scoring.score import require_reach, require_same_run, truth_in
 from hil.tracing.addition import additions
-from hil.tracing.traced import called
+from hil.tracing.request import called
 
 Floats = npt.NDArray[np.float64]
 Pattern = Callable[[npt.NDArray[np.int64]], Floats]

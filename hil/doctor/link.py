@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from hil.boards.emulation import is_emulated, served
-from hil.doctor import ports
+from hil.doctor import machine
 from hil.doctor.machine import Finding
 from hil.errors import InputError
 from hil.running import line_workers
@@ -187,4 +187,4 @@ def uart_baud(link: str) -> float | None:
 
 def _bit_rates(link: str) -> tuple[float, float] | None:
     bus = parse_link(link)
-    return ports.bit_rates(bus.channel) if isinstance(bus, CanInterface) else None
+    return machine.bit_rates(bus.channel) if isinstance(bus, CanInterface) else None

@@ -18,8 +18,7 @@ from hil.importing.options import ImportOptions
 from hil.importing.record_time import Remedies
 from hil.importing.request import map_of, require_hold
 from hil.importing.source import ArraySource
-from hil.library.finished_run import Run
-from hil.library.loading import folder_of
+from hil.library.loading import Run, folder_of
 from hil.library.series import Series
 from hil.options import chosen
 from hil.records.capture import Hold

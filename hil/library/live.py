@@ -19,8 +19,8 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.errors import InputError
-from hil.library.finished_run import ANGLE, RATE, Run, chosen, of_capture, of_estimates, of_innovation
 from hil.library.keywords import in_arguments_of
+from hil.library.loading import ANGLE, RATE, Run, chosen, of_capture, of_estimates, of_innovation
 from hil.library.series import Series
 from hil.progress import Watcher
 from hil.records.blocks import Columns, GrowingFile, rows_of

@@ -4,9 +4,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hil.library.finished_run import Run
 from hil.library.given import several
-from hil.library.loading import folder_of
+from hil.library.loading import Run, folder_of
 from hil.progress import Watcher
 from hil.records.data_sheet import DataSheet, SheetRow
 

@@ -19,11 +19,10 @@ from hil.errors.input import names_of, path_of, require
 from hil.identifying.options import LocalIdentifyOptions
 from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.library.campaign import Sweep
-from hil.library.finished_run import AttitudeRun, Run
 from hil.library.given import AnyBench, Record, Records, bench_for, captured, observed_bench_for
 from hil.library.keywords import in_arguments_of, renamed, said_of_arguments, takes
 from hil.library.live import Live
-from hil.library.loading import Trace, folder_of, load_trace
+from hil.library.loading import AttitudeRun, Run, Trace, folder_of, load_trace
 from hil.progress import Watcher, alarms_only
 from hil.records.listing import RUNS
 from hil.records.methods import Methods

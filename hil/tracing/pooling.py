@@ -20,9 +20,8 @@ from hil.records.capture import Capture, read_capture, trims_beside
 from hil.records.diagnosis import save_diagnosis, to_model
 from hil.replaying.replay import require_fit
 from hil.running.run import new_folder
-from hil.tracing.request import TraceRequest
+from hil.tracing.request import Traced, TraceRequest, called
 from hil.tracing.time_left import TimeLeft
-from hil.tracing.traced import Traced, called
 
 _ALIKE = 1e-3  # relative, of the noise that filters leave of records traced together
 

@@ -10,6 +10,7 @@ from hil.bench.examples import bench_file
 from hil.errors import InputError
 from hil.errors.input import names_of, require
 from hil.options import chosen
+from hil.records.diagnosis import Diagnosis
 from hil.tracing.options import TraceOptions
 
 
@@ -98,3 +99,16 @@ def _require_of_a_sensor(request: TraceRequest) -> None:
         raise InputError("--fraction: the record of a rate sensor is split by its segments, or in alternate blocks")
     if request.missing_force:
         raise InputError("--missing-force: a rate sensor has no force that could be missing; leave it out")
+
+
+@dataclass(frozen=True)
+class Traced:
+    """Where a trace was written (diagnosis.json, report.html, bench.toml), and what it came to."""
+
+    folder: Path
+    diagnosis: Diagnosis
+
+
+def called(capture: Path) -> str:
+    """What a record is called: its run folder's name, or its own."""
+    return capture.resolve().parent.name if capture.name == "capture.arrow" else capture.stem

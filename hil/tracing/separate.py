@@ -24,9 +24,8 @@ from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import run
 from hil.tracing.options import TraceOptions
-from hil.tracing.request import request_of
+from hil.tracing.request import Traced, request_of
 from hil.tracing.trace import trace
-from hil.tracing.traced import Traced
 
 _MARGIN = 1.2  # of the energy's swing under modulation, as a limit
 _TIMES = (1, 2, 4)  # times the duration of the bench file that an experiment may last

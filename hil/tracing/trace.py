@@ -34,9 +34,8 @@ from hil.replaying.replay import fitting, require_fit
 from hil.running.run import new_folder
 from hil.tracing.demodulated import trace_ring_down, trace_streams
 from hil.tracing.rate_sensor import with_gyro
-from hil.tracing.request import TraceRequest
+from hil.tracing.request import Traced, TraceRequest, called
 from hil.tracing.time_left import TimeLeft
-from hil.tracing.traced import Traced, called
 
 
 class Tracer(Protocol):

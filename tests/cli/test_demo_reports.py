@@ -10,8 +10,7 @@ from hil import demo
 from hil.records.diagnosis import Coefficient, Effect
 from hil.report import page
 from hil.tracing import trace as tracing
-from hil.tracing.request import TraceRequest
-from hil.tracing.traced import Traced
+from hil.tracing.request import Traced, TraceRequest
 from tests.cli.diagnoses import explained
 
 pytestmark = pytest.mark.slow

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hil import cli
-from hil.doctor import link, machine, ports
+from hil.doctor import link, machine
 from hil.doctor.link import capacity, wire_rate_Hz
 from hil.doctor.machine import Finding
 
@@ -66,19 +66,19 @@ def test_what_a_board_in_qemu_needs(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_port_without_permission_and_a_slow_adapter(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     port = tmp_path / "ttyUSB0"
     port.touch()
-    monkeypatch.setattr(ports, "USB_SERIAL", tmp_path / "usb-serial")
+    monkeypatch.setattr(machine, "USB_SERIAL", tmp_path / "usb-serial")
     timer = tmp_path / "usb-serial" / "ttyUSB0" / "latency_timer"
     timer.parent.mkdir(parents=True)
     timer.write_text("16\n")
     monkeypatch.setattr(os, "access", lambda *_: False)
-    closed, slow = ports.serial_port(str(port))
+    closed, slow = machine.serial_port(str(port))
     assert (closed.state, closed.told) == ("bad", "no permission")
     assert closed.remedy == f"sudo usermod -aG {port.group()} $USER, then log in again"
     assert slow.told == "the adapter holds bytes back for up to 16 ms"
     assert slow.remedy == f"echo 1 | sudo tee {timer}"
     timer.write_text("1\n")
     monkeypatch.setattr(os, "access", lambda *_: True)
-    assert [finding.state for finding in ports.serial_port(str(port))] == ["good"]
+    assert [finding.state for finding in machine.serial_port(str(port))] == ["good"]
 
 
 REAL = {"info_kind": "can", "info_data": {"state": "ERROR-ACTIVE", "bittiming": {"bitrate": 1000000}}}
@@ -115,7 +115,7 @@ FAST = {"data_bittiming": {"bitrate": 8000000}}
 )  # fmt: skip
 def test_can_interfaces(told: dict[str, Any], expected: tuple[str, ...]) -> None:
     """As `ip -json -details link show` describes them."""
-    assert ports.can_interface("can0", told) == expected
+    assert machine.can_interface("can0", told) == expected
 
 
 def test_what_a_wire_carries() -> None:

@@ -23,7 +23,7 @@ from estimator.attitude import apart
 from hil.bench import Bench, examples, load_bench, override
 from hil.bench.mount import load_mount
 from hil.errors import InputError
-from hil.library.finished_run import AttitudeRun
+from hil.library.loading import AttitudeRun
 from hil.records.attitude import read_attitude
 from hil.records.runfolder import RunFolder
 from hil.running.several import requests_of, run_several
