@@ -57,7 +57,7 @@ class Opening:
         return len(self._rows) >= self._needed
 
     def wrong_way(self, make_observer: Callable[[], Observer]) -> str:
-        """As `hil.running.signs.wrong_way`, for what came of the run so far."""
+        """As the function `wrong_way`, for what came of the run so far."""
         if len(self._rows) < 2:
             return ""
         rows = np.array([row[:5] for row in self._rows])
