@@ -5,7 +5,7 @@ import json
 import re
 import time
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -37,15 +37,16 @@ class Entry(NamedTuple):
     kind: Kind
     time: float
     name: str
-    device: str | None
-    serial: str | None
-    bench: str | None
-    verdict: str | None
-    seconds: float | None
     state: State
-    tags: tuple[str, ...]
-    details: Mapping[str, Any]
-    figures: Sequence[Known]
+    bench: str | None = None
+    device: str | None = None
+    serial: str | None = None
+    verdict: str | None = None
+    seconds: float | None = None
+    note: str | None = None
+    tags: tuple[str, ...] = ()
+    details: Mapping[str, Any] = MappingProxyType({})
+    figures: Sequence[Known] = ()
 
 
 def id_of(folder: str) -> str:
@@ -66,20 +67,20 @@ def read_entry(folder: Path) -> Entry:
     when, name = (stamped[1], stamped[2]) if stamped else ("", folder.name)
     kind = listed_kind(folder)
     unreadable, marks = "", Marks()
-    device = bench = None
+    declared: tuple[str | None, str | None] = None, None
     try:
         marks = read_marks(folder)
     except InputError as error:
         unreadable = str(error)
     try:
-        device, bench = _declared(folder)
+        declared = _declared(folder)
     except InputError as error:
         unreadable = str(error)
-    told: _Told
+    blank = Entry(kind, _time(when, folder), printable(name), "unreadable", declared[1])
     try:
-        told = _trace(folder) if kind == "trace" else _run(folder) if kind == "run" else _beside(folder)
+        told = _READ.get(kind, _beside)(folder, blank)
     except InputError as error:
-        told, unreadable = _Told("unreadable"), str(error)
+        told, unreadable = blank, str(error)
     details = {
         "note": told.note if marks.note is None else marks.note,
         "noted": marks.note is not None,
@@ -87,27 +88,15 @@ def read_entry(folder: Path) -> Entry:
         "unreadable": unreadable or None,
         **told.details,
     }
-    return Entry(
-        kind, _time(when, folder), printable(name), told.device or device, told.serial, bench,
-        told.verdict, told.seconds, told.state, tuple(dict.fromkeys(marks.tags)), details, told.figures,
+    return told._replace(
+        device=told.device or declared[0], tags=tuple(dict.fromkeys(marks.tags)), details=details
     )  # fmt: skip
 
 
-class _Told(NamedTuple):
-    state: State
-    verdict: str | None = None
-    seconds: float | None = None
-    serial: str | None = None
-    device: str | None = None
-    note: str | None = None
-    details: Mapping[str, Any] = MappingProxyType({})
-    figures: Sequence[Known] = ()
-
-
-def _run(folder: Path) -> _Told:
+def _run(folder: Path, blank: Entry) -> Entry:
     path = folder / "result.json"
     if not path.exists():
-        return _without_figures(folder)
+        return _without_figures(folder, blank)
     result = load_result(path)
     details = {
         "parts": {name: part.outcome for name, part in result.parts.items()},
@@ -118,14 +107,14 @@ def _run(folder: Path) -> _Told:
         "mode": result.mode,
         "link": result.link,
     }
-    return _Told(
-        "interrupted" if result.verdict == "interrupted" else "done", result.verdict, result.seconds,
-        result.serial_number or _serial(folder), None if result.sensor is None else result.sensor.device,
-        result.operator_note, details, of_run(result),
+    return blank._replace(
+        state="interrupted" if result.verdict == "interrupted" else "done", verdict=result.verdict,
+        seconds=result.seconds, serial=result.serial_number or _serial(folder), note=result.operator_note,
+        device=None if result.sensor is None else result.sensor.device, details=details, figures=of_run(result),
     )  # fmt: skip
 
 
-def _trace(folder: Path) -> _Told:
+def _trace(folder: Path, blank: Entry) -> Entry:
     from hil.records.diagnosis import load_diagnosis  # knows the estimator's words, which the rest needs not
 
     found = load_diagnosis(folder / "diagnosis.json")
@@ -137,19 +126,25 @@ def _trace(folder: Path) -> _Told:
     serial = None
     if Path(found.record).name == found.record and (folder.parent / found.record).is_dir():
         serial = _serial(folder.parent / found.record)
-    return _Told("done", found.verdict, None, serial, found.bench, None, details, of_trace(found))
+    return blank._replace(
+        state="done", verdict=found.verdict, serial=serial, device=found.bench, details=details, figures=of_trace(found)
+    )
 
 
-def _beside(folder: Path) -> _Told:
+def _beside(folder: Path, blank: Entry) -> Entry:
     found = beside_runs(folder)
-    return _Told("done", found.verdict, found.seconds, details={"reasons": list(found.reasons)})
+    told = {"reasons": list(found.reasons)}
+    return blank._replace(state="done", verdict=found.verdict, seconds=found.seconds, details=told)
 
 
-def _without_figures(folder: Path) -> _Told:
+def _without_figures(folder: Path, blank: Entry) -> Entry:
     if is_occupied(folder):
-        return _Told("running", serial=_serial(folder))
+        return blank._replace(state="running", serial=_serial(folder))
     ended = not (folder / "bench.toml").exists() and _is_complete(folder / "capture.arrow")
-    return _Told("recorded" if ended else "interrupted", serial=_serial(folder))
+    return blank._replace(state="recorded" if ended else "interrupted", serial=_serial(folder))
+
+
+_READ: dict[Kind, Callable[[Path, Entry], Entry]] = {"run": _run, "trace": _trace}
 
 
 def _is_complete(capture: Path) -> bool:
