@@ -8,36 +8,25 @@ from hil.toml.reading import suggestion
 _TURN_RAD = 6.283185307179586
 _G = 9.80665
 
+_DEGREE = _TURN_RAD / 360
+_FACTORS = {
+    "s": {
+        "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0, "day": 86400.0,
+        "week": 604800.0, "iso": 1.0,  # ISO 8601 text, or a type of dates or lengths of time, which has its own unit
+    },
+    "V": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "µV": 1e-6},
+    "N": {"N": 1.0, "mN": 1e-3, "uN": 1e-6, "µN": 1e-6},
+    "mps2": {"m/s^2": 1.0, "m/s²": 1.0, "mps2": 1.0, "g": _G},
+    "rad_s": {
+        "rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "°/s": _DEGREE, "dps": _DEGREE, "mdps": 1e-3 * _DEGREE,
+        "deg/h": _DEGREE / 3600, "rpm": _TURN_RAD / 60,
+    },
+    "Hz": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6},
+}  # fmt: skip
 # unit → (factor, addition) that lead to the channel's SI unit
 UNITS: dict[str, dict[str, tuple[float, float]]] = {
-    "s": {
-        "s": (1.0, 0.0),
-        "ms": (1e-3, 0.0),
-        "us": (1e-6, 0.0),
-        "µs": (1e-6, 0.0),
-        "ns": (1e-9, 0.0),
-        "min": (60.0, 0.0),
-        "h": (3600.0, 0.0),
-        "day": (86400.0, 0.0),
-        "week": (604800.0, 0.0),
-        "iso": (1.0, 0.0),  # ISO 8601 text, or a type of dates or lengths of time, which has a unit of its own
-    },
-    "V": {"V": (1.0, 0.0), "mV": (1e-3, 0.0), "uV": (1e-6, 0.0), "µV": (1e-6, 0.0)},
-    "N": {"N": (1.0, 0.0), "mN": (1e-3, 0.0), "uN": (1e-6, 0.0), "µN": (1e-6, 0.0)},
-    "mps2": {"m/s^2": (1.0, 0.0), "m/s²": (1.0, 0.0), "mps2": (1.0, 0.0), "g": (_G, 0.0)},
-    "rad_s": {
-        "rad/s": (1.0, 0.0),
-        "mrad/s": (1e-3, 0.0),
-        "deg/s": (_TURN_RAD / 360, 0.0),
-        "°/s": (_TURN_RAD / 360, 0.0),
-        "dps": (_TURN_RAD / 360, 0.0),
-        "mdps": (_TURN_RAD / 360e3, 0.0),
-        "deg/h": (_TURN_RAD / 360 / 3600, 0.0),
-        "rpm": (_TURN_RAD / 60, 0.0),
-    },
-    "Hz": {"Hz": (1.0, 0.0), "kHz": (1e3, 0.0), "MHz": (1e6, 0.0)},
-    "C": {"degC": (1.0, 0.0), "°C": (1.0, 0.0), "K": (1.0, -273.15)},
-}
+    of: {unit: (factor, 0.0) for unit, factor in units.items()} for of, units in _FACTORS.items()
+} | {"C": {"degC": (1.0, 0.0), "°C": (1.0, 0.0), "K": (1.0, -273.15)}}
 UNITS["amplitude_V"] = UNITS["V"] | {  # an instrument may tell a component's rms
     f"{unit}rms": (2**0.5 * factor, 0.0) for unit, (factor, _) in UNITS["V"].items()
 }
@@ -51,14 +40,14 @@ class Motion(NamedTuple):
 
 
 MOTIONS = {
-    **{unit: Motion(0, factor) for unit, factor in (("m", 1.0), ("cm", 1e-2), ("mm", 1e-3))},
-    **{unit: Motion(0, factor) for unit, factor in (("um", 1e-6), ("µm", 1e-6), ("nm", 1e-9))},
-    **{unit: Motion(1, factor) for unit, factor in (("m/s", 1.0), ("mm/s", 1e-3), ("um/s", 1e-6), ("µm/s", 1e-6))},
-    **{
-        unit: Motion(2, factor)
-        for unit, factor in (("m/s^2", 1.0), ("m/s²", 1.0), ("mps2", 1.0), ("g", _G), ("mg", 1e-3 * _G))
-    },
-}
+    unit: Motion(order, factor)
+    for order, units in enumerate((
+        {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "nm": 1e-9},
+        {"m/s": 1.0, "mm/s": 1e-3, "um/s": 1e-6, "µm/s": 1e-6},
+        {"m/s^2": 1.0, "m/s²": 1.0, "mps2": 1.0, "g": _G, "mg": 1e-3 * _G},
+    ))
+    for unit, factor in units.items()
+}  # fmt: skip
 """Units of displacement, velocity and acceleration."""
 
 VOLTS_OF_LEVELS = {"dBV": 1.0, "dBmV": 1e-3, "dBuV": 1e-6, "dBµV": 1e-6}
