@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -10,22 +11,24 @@ import sympy as sp
 from estimator.effects.declaration import Effect, Source, name_of
 from estimator.missing_force.library import Term, library
 from estimator.scaling import Scaling
+from estimator.trace.problem import Problem
 from tests.estimator.missing_force.simulated import simulated
 
 SAMPLES = 2000
 WORDS = {"sqrt": math.sqrt, "abs": abs, "cos": math.cos, "sin": math.sin, "exp": math.exp}
-PROBLEM = {axes: simulated(lambda q, v: 0.0 * q, axes=axes, samples=SAMPLES, noise=1e-3).problem for axes in (1, 2)}
 
 
+@cache
+def problem(axes: int) -> Problem:
+    return simulated(lambda q, v: 0.0 * q, axes=axes, samples=SAMPLES, noise=1e-3).problem
+
+
+@cache
 def terms(axes: int) -> tuple[Term, ...]:
     """With a line beside the resonance in the residual, so that a change of stiffness is looked for."""
     t = np.arange(SAMPLES) / 4000.0
     beside = 1e-3 * np.cos(2.0 * np.pi * 212.0 * t) + 1e-5 * np.random.default_rng(3).standard_normal(SAMPLES)
-    return library(PROBLEM[axes], np.tile(beside[:, None], axes))
-
-
-CASES = [(axes, term) for axes in (1, 2) for term in terms(axes)]
-NAMES = [f"{axes}-{term.form}" for axes, term in CASES]
+    return library(problem(axes), np.tile(beside[:, None], axes))
 
 
 def along(
@@ -46,29 +49,30 @@ def along(
 
 
 def moving(axes: int) -> tuple[dict[str, np.ndarray], Scaling]:
-    random, scaling = np.random.default_rng(5), Scaling.of(PROBLEM[axes].device)
+    random, scaling = np.random.default_rng(5), Scaling.of(problem(axes).device)
     series = {name: random.normal(size=6) for name in ("x", "y", "vx", "vy", "ux", "uy", "t")}
     return series | {"T": np.zeros(6)}, scaling
 
 
-@pytest.mark.parametrize(("axes", "term"), CASES, ids=NAMES)
-def test_a_law_in_si_is_what_the_effect_does(axes: int, term: Term) -> None:
+@pytest.mark.parametrize("axes", [1, 2])
+def test_a_law_in_si_is_what_the_effect_does(axes: int) -> None:
     series, scaling = moving(axes)
-    given = {c.name: 0.3 * (k + 1) * scaling.coefficient(c) for k, c in enumerate(term.effect.coefficients)}
-    given |= {p.name: 0.4 * scaling.coefficient(p) for p in term.effect.parameters}
-    force, sensed = along(term.effect, given, scaling, series, axes)
     length, speed = scaling.length, scaling.length * scaling.omega0
     si = {"x": length, "y": length, "vx": speed, "vy": speed, "ux": scaling.force, "uy": scaling.force}
-    for k in range(6):
-        at = {name: values[k] * si.get(name, 1.0 / scaling.omega0) for name, values in series.items()}
-        at |= {"r": math.hypot(at["x"], at["y"]), "v": math.hypot(at["vx"], at["vy"]), **given, **WORDS}
-        for axis in range(axes):
-            said = sum(
-                given[f"c_{label.replace(' ', '_')}"] * eval(laws[axis], {}, at)
-                for label, laws in term.laws.items() if laws[axis]
-            )  # fmt: skip
-            done = force[k, axis] * scaling.force + sensed[k, axis] * length
-            assert done == pytest.approx(said, rel=1e-6)
+    for term in terms(axes):
+        given = {c.name: 0.3 * (k + 1) * scaling.coefficient(c) for k, c in enumerate(term.effect.coefficients)}
+        given |= {p.name: 0.4 * scaling.coefficient(p) for p in term.effect.parameters}
+        force, sensed = along(term.effect, given, scaling, series, axes)
+        for k in range(6):
+            at = {name: values[k] * si.get(name, 1.0 / scaling.omega0) for name, values in series.items()}
+            at |= {"r": math.hypot(at["x"], at["y"]), "v": math.hypot(at["vx"], at["vy"]), **given, **WORDS}
+            for axis in range(axes):
+                said = sum(
+                    given[f"c_{label.replace(' ', '_')}"] * eval(laws[axis], {}, at)
+                    for label, laws in term.laws.items() if laws[axis]
+                )  # fmt: skip
+                done = force[k, axis] * scaling.force + sensed[k, axis] * length
+                assert done == pytest.approx(said, rel=1e-6), term.form
 
 
 def test_vectors_of_the_plane_turn_with_it() -> None:
@@ -88,12 +92,12 @@ def test_vectors_of_the_plane_turn_with_it() -> None:
 
 def test_a_stiffness_may_change_at_a_line_s_distance_from_resonance() -> None:
     (wave,) = (term for term in terms(2) if term.form.startswith("q cos"))
-    assert wave.effect.parameters[0].tried[0] * Scaling.of(PROBLEM[2].device).omega0 == pytest.approx(
+    assert wave.effect.parameters[0].tried[0] * Scaling.of(problem(2).device).omega0 == pytest.approx(
         2.0 * np.pi * 12.0, rel=0.01
     )
 
 
 def test_without_a_drive_no_law_speaks_of_one() -> None:
-    record = PROBLEM[2].record
-    still = PROBLEM[2].on(replace(record, drive=0.0 * record.drive))
+    record = problem(2).record
+    still = problem(2).on(replace(record, drive=0.0 * record.drive))
     assert not any("u" in term.form for term in library(still, record.sense))
