@@ -38,11 +38,11 @@ install: $(NATIVE) $(DEV) $(PAGE)
 demo: $(NATIVE)
 	$(BIN)/hil demo
 
-# Files side by side, one more than there are processors since some wait, the longest first (tests/conftest.py); beside
+# Files side by side (a class of tests by itself), one more than there are processors, the longest first; beside
 # them those on CAN, whose machine has one processor. Then what has to keep up with the wall clock, with nothing beside
 # it: two files at a time, unless a file needs the machine to itself (tests/by_the_clock.py).
 # `make test` and `make test-long` together run every test once.
-BY_FILE := --dist loadfile --no-loadscope-reorder
+BY_FILE := --dist loadscope --no-loadscope-reorder
 BESIDE := -n $(shell expr $$(nproc) + 1) $(BY_FILE)
 CAN_LOG := .venv/vcan.log
 
@@ -102,9 +102,11 @@ wheel: $(WHEEL)
 	  $(DIST)/raw/gyrohil-*.whl
 	@rm -r $(DIST)/raw
 
-# By uv, a third of the time; by pip where there is no uv, or where it cannot reach what pip is told of.
+# By uv, a third of the time, which compiles the bench once; by pip where there is no uv, or where it cannot reach what
+# pip is told of.
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
-INTO = $(BIN)/uv pip install --quiet --no-cache --python $(BIN)/python $(1) || $(PIP) $(1)
+INTO = $(BIN)/uv pip install --quiet --no-cache --python $(BIN)/python $(1) || $(PIP) $(2)
+EXTRA = $(call INTO,-r pyproject.toml --extra $(1),--editable '.[$(1)]')
 $(STAMP) $(DEV) $(DOCS) $(WHEEL): export PYTHONPYCACHEPREFIX :=
 
 # Rebuilt when pyproject.toml changes. The checks come first: a .venv without pip would only be in the way.
@@ -117,7 +119,7 @@ $(STAMP): pyproject.toml
 	@echo "setting up .venv (about 1 GB the first time)"
 	@$(PYTHON) -m venv .venv
 	@$(PIP) 'uv<1' || true
-	@$(call INTO,--editable .)
+	@$(call INTO,--editable .,--editable .)
 	@touch $@
 
 # What the installation compiled, again when its source changes.
@@ -127,17 +129,17 @@ $(NATIVE) &: $(NATIVE_SOURCES) compile_native.py | $(STAMP)
 # What tests, checks and campaigns need beside that.
 $(DEV): $(STAMP)
 	@echo "adding what tests and checks need (about 1 GB more)"
-	@$(call INTO,--editable '.[dev]')
+	@$(call EXTRA,dev)
 	@touch $@
 
 # What the site of documentation is built with.
 $(DOCS): $(STAMP)
-	@$(call INTO,--editable '.[docs]')
+	@$(call EXTRA,docs)
 	@touch $@
 
 # What builds the wheel.
 $(WHEEL): $(STAMP)
-	@$(call INTO,--editable '.[wheel]')
+	@$(call EXTRA,wheel)
 	@touch $@
 
 # What the page of `hil serve` is drawn with, by the Node in the .venv, and what it is checked and tested with. The page

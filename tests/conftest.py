@@ -1,5 +1,6 @@
 """What every test run needs before anything is imported."""
 
+import gc
 import os
 import re
 import signal
@@ -16,6 +17,8 @@ from tests.by_the_clock import Floor
 # The matrices here are 13 × 13: threads of the BLAS library only wait for each other, hundreds of times longer on a
 # busy machine.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+gc.disable()  # until all files are loaded, of which nothing is garbage
 
 # What runs behind a shell has Ctrl-C ignored, and hands that on to the processes that tests interrupt.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -92,6 +95,12 @@ def pytest_itemcollected(item: pytest.Item) -> None:
     """Who stands on a whole run takes what that takes."""
     if "whole_run" in getattr(item, "fixturenames", ()):
         item.add_marker(pytest.mark.moderate)
+
+
+def pytest_collection_finish() -> None:
+    """What is loaded stays, and is looked through for garbage no more: here, and in forks."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)  # marks before `-m` chooses by them, order of what it has left

@@ -21,7 +21,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-_PATH = os.environ.get("PYTHONPATH")
+_FOLDERS = os.environ.get("PYTHONPATH", "").split(os.pathsep)
 _AS_GIVEN = inspect.signature(subprocess.Popen._execute_child)  # type: ignore[attr-defined]
 _MAINS: dict[str, tuple[str, Callable[[Any, list[str]], int]]] = {
     "device_emulator": ("device_emulator.__main__", lambda emulator, arguments: emulator.main(arguments)),
@@ -68,7 +68,8 @@ class Forked(subprocess.Popen[Any]):
     def _execute_child(self, *given: Any) -> None:
         """In place of the standard library's, of which it takes the descriptors by name."""
         asked = _AS_GIVEN.bind(self, *given).arguments
-        if (os.environ if asked["env"] is None else asked["env"]).get("PYTHONPATH") != _PATH:  # other packages
+        folders = (os.environ if asked["env"] is None else asked["env"]).get("PYTHONPATH", "").split(os.pathsep)
+        if not set(folders) <= {"", *_FOLDERS, *sys.path}:  # other packages than here
             super()._execute_child(*given)  # type: ignore[misc]
             return
         module = asked["args"].index("-m") + 1

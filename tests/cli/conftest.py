@@ -13,6 +13,7 @@ import pytest
 
 from hil import cli
 from hil.bench import examples
+from tests.forked import Forked
 from tests.made_once import made_once
 
 Hil = Callable[..., tuple[int, str, str]]
@@ -45,12 +46,26 @@ def hil(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFi
 @pytest.fixture
 def start(tmp_path: Path) -> Iterator[Start]:
     """`start("verb", …)` as a process in an empty folder, its output piped; killed if left behind."""
+    with starting(tmp_path, subprocess.Popen) as launch:
+        yield launch
+
+
+@pytest.fixture
+def forked(tmp_path: Path) -> Iterator[Start]:
+    """The same as a fork of this process, where how it starts is not what is tested."""
+    with starting(tmp_path, Forked) as launch:
+        yield launch
+
+
+@contextlib.contextmanager
+def starting(folder: Path, kind: "type[subprocess.Popen[str]]") -> Iterator[Start]:
+    """In that folder, by that class."""
     processes: list[subprocess.Popen[str]] = []
 
     def launch(*arguments: str) -> "subprocess.Popen[str]":
-        process = subprocess.Popen(
+        process = kind(
             [sys.executable, "-m", "hil", *arguments],
-            cwd=tmp_path,
+            cwd=folder,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,

@@ -3,7 +3,6 @@
 import json
 import os
 import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +10,7 @@ import pytest
 
 from tests.cli.conftest import Hil
 from tests.cli.diverged import KINDS, write_diverged_run
+from tests.forked import hil_says
 from tests.running.gyro import bench, bench_file
 
 pytestmark = pytest.mark.slow
@@ -24,10 +24,7 @@ def no_fault(err: str) -> None:
 
 def process(place: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """`hil` as a process in which a warning is an error, as it is in this one."""
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", *arguments], cwd=place, env=os.environ | {"PYTHONWARNINGS": "error"},
-        capture_output=True, text=True, timeout=280, check=False,
-    )  # fmt: skip
+    done = hil_says(*arguments, cwd=place, env=os.environ | {"PYTHONWARNINGS": "error"})
     no_fault(done.stderr)
     return done
 

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -14,6 +13,7 @@ from hil.errors import InputError
 from hil.wire.inproc import open_inproc
 from hil.wire.link_name import Emulated, parse_link
 from tests.doors.conftest import BROKEN, Install
+from tests.forked import hil_says
 from tests.running import gyro
 from tests.service.serving import serving
 from tests.test_pytest_plugin import PLUGIN
@@ -55,7 +55,7 @@ def asked(bench: Path) -> bool:
 
 def on_the_command_line(bench: Path, link: str, *more: str) -> "subprocess.CompletedProcess[str]":
     words = ["run", str(bench), "--link", link, "--out", str(bench.parent / "runs"), "--json", *more]
-    return subprocess.run([sys.executable, "-m", "hil", *words], capture_output=True, text=True, check=False)
+    return hil_says(*words)
 
 
 @pytest.mark.parametrize("more", [(), ("--live",)])

@@ -1,8 +1,6 @@
 """A format that a package brings is read on every side: command line, library, service, client, pytest."""
 
 import json
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from hil.client import connect
 from hil.errors import InputError
 from hil.importing.importer import import_record
 from tests.doors.conftest import BROKEN, Install, doubles
+from tests.forked import hil_says
 from tests.service.serving import Serving, serving
 from tests.test_pytest_plugin import PLUGIN
 
@@ -45,10 +44,7 @@ def test_its_columns_become_a_capture(record: Path, tmp_path: Path, install: Ins
 
 def test_the_command_line_reads_it(record: Path, tmp_path: Path, install: Install) -> None:
     install("hil.importers", "abc", "columns", READER)
-    done = subprocess.run(
-        [sys.executable, "-m", "hil", "import", str(record), "--out", str(tmp_path / "drive.arrow"), "--json"],
-        capture_output=True, text=True, check=False,
-    )  # fmt: skip
+    done = hil_says("import", str(record), "--out", str(tmp_path / "drive.arrow"), "--json")
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)["samples"] == 400
 
@@ -134,7 +130,7 @@ REMEDY = "mend or remove the package that brings it"
 def test_a_broken_package_is_one_line_on_the_command_line(record: Path, tmp_path: Path, install: Install) -> None:
     install("hil.importers", "abc", "columns", BROKEN)
     words = ["import", str(record), "--out", str(tmp_path / "made.arrow"), "--json"]
-    done = subprocess.run([sys.executable, "-m", "hil", *words], capture_output=True, text=True, check=False)
+    done = hil_says(*words)
     assert done.returncode == 2
     assert done.stderr == f"hil: {record}: {SAYS}; {REMEDY}\n"
     assert json.loads(done.stdout)["remedy"] == REMEDY

@@ -1,8 +1,6 @@
 """A link that a package brings is one on every side: command line, library, service, page for a run, pytest."""
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,6 +12,7 @@ from hil.bench.template import template, values_of
 from hil.boards.emulation import emulator
 from hil.client import connect
 from tests.doors.conftest import Install
+from tests.forked import hil_says
 from tests.running import gyro
 from tests.service.serving import serving
 from tests.test_pytest_plugin import PLUGIN
@@ -48,7 +47,7 @@ def bench(tmp_path: Path) -> tuple[Bench, Path]:
 
 def test_on_the_command_line(link: str, bench: tuple[Bench, Path], tmp_path: Path) -> None:
     words = ["run", str(bench[1]), "--link", link, "--arm", "--out", str(tmp_path / "runs"), "--json"]
-    done = subprocess.run([sys.executable, "-m", "hil", *words], capture_output=True, text=True, check=False)
+    done = hil_says(*words)
     assert json.loads(done.stdout)["samples"] == 400, done.stderr
 
 
@@ -67,7 +66,7 @@ def test_in_the_service_once_it_is_listed(link: str, bench: tuple[Bench, Path], 
 
 def test_with_a_page_for_the_run(link: str, bench: tuple[Bench, Path], tmp_path: Path) -> None:
     words = ["run", str(bench[1]), "--link", link, "--arm", "--live", "--out", str(tmp_path / "runs"), "--json"]
-    done = subprocess.run([sys.executable, "-m", "hil", *words], capture_output=True, text=True, check=False)
+    done = hil_says(*words)
     assert json.loads(done.stdout)["samples"] == 400, done.stderr
 
 

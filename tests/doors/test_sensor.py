@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ import hil
 from hil.client import connect
 from hil.errors import InputError
 from tests.doors.conftest import BROKEN, Install, example
+from tests.forked import hil_says
 from tests.service.serving import Serving, serving
 from tests.test_pytest_plugin import PLUGIN
 
@@ -44,7 +44,7 @@ def counted(result: dict[str, Any]) -> int:
 
 def on_the_command_line(link: str, runs: Path) -> "subprocess.CompletedProcess[str]":
     words = ["record", link, "--duration", "1", "--out", str(runs), "--json"]
-    return subprocess.run([sys.executable, "-m", "hil", *words], capture_output=True, text=True, check=False)
+    return hil_says(*words)
 
 
 def by_a_job(service: Serving, link: str) -> dict[str, object]:
@@ -90,8 +90,7 @@ def test_a_broken_package_is_one_line_on_the_command_line(broken: str, tmp_path:
     assert done.returncode == 2
     assert done.stderr == f"hil: {broken}: {SAYS}; {REMEDY}\n"
     assert json.loads(done.stdout)["remedy"] == REMEDY
-    doctor = subprocess.run([sys.executable, "-m", "hil", "--help"], capture_output=True, text=True, check=False)
-    assert doctor.returncode == 0
+    assert hil_says("--help").returncode == 0
 
 
 def test_a_broken_package_is_one_line_in_the_library(broken: str, tmp_path: Path) -> None:

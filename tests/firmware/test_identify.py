@@ -24,8 +24,7 @@ from hil.progress import untold
 from hil.running import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.wire.messages import Arm, Identity, Message, SafeReason
 from hil.wire.sense import Sense
-from tests.cli.conftest import Start, finished
-from tests.cli.conftest import start as started  # noqa: F401
+from tests.cli.conftest import Start, finished, forked  # noqa: F401
 from tests.cli.test_processes import children_of
 
 from .process import pty_board
@@ -95,12 +94,12 @@ def test_it_is_found_within_its_limits_and_left_safe(
 def test_an_interruption_ends_in_safe(
     built: Path,
     tmp_path: Path,
-    started: Start,  # noqa: F811
+    forked: Start,  # noqa: F811
     number: signal.Signals,
     part: int,
 ) -> None:
     with on_the_line(built) as (_, witness):
-        host = started("identify", witness.url, "--arm", "-o", "my.bench.toml")
+        host = forked("identify", witness.url, "--arm", "-o", "my.bench.toml")
         witness.wait_until_driven(part)
         host.send_signal(number)
         code, out, err = finished(host)
@@ -114,11 +113,11 @@ def test_an_interruption_ends_in_safe(
 def test_whichever_process_is_killed_the_other_has_it_safe(
     built: Path,
     tmp_path: Path,
-    started: Start,  # noqa: F811
+    forked: Start,  # noqa: F811
     killed: str,
 ) -> None:
     with on_the_line(built) as (_, witness):
-        host = started("identify", witness.url, "--arm", "-o", "my.bench.toml")
+        host = forked("identify", witness.url, "--arm", "-o", "my.bench.toml")
         witness.wait_until_driven(1)
         os.kill(host.pid if killed == "command" else max(children_of(host.pid)), signal.SIGKILL)
         finished(host)
@@ -130,11 +129,11 @@ def test_whichever_process_is_killed_the_other_has_it_safe(
 def test_a_host_that_is_gone_altogether_leaves_a_board_that_drives_nothing(
     built: Path,
     tmp_path: Path,
-    started: Start,  # noqa: F811
+    forked: Start,  # noqa: F811
 ) -> None:
     """In lockstep a board on a pty ends with its host."""
     with on_the_line(built) as (board, witness):
-        host = started("identify", witness.url, "--arm", "-o", "my.bench.toml")
+        host = forked("identify", witness.url, "--arm", "-o", "my.bench.toml")
         witness.wait_until_driven(1)
         for process in (*children_of(host.pid), host.pid):
             os.kill(process, signal.SIGKILL)
@@ -144,10 +143,10 @@ def test_a_host_that_is_gone_altogether_leaves_a_board_that_drives_nothing(
 def test_a_board_without_its_supply_is_named_and_gets_no_file(
     built: Path,
     tmp_path: Path,
-    started: Start,  # noqa: F811
+    forked: Start,  # noqa: F811
 ) -> None:
     with on_the_line(built) as (board, witness):
-        host = started("identify", witness.url, "--arm", "-o", "my.bench.toml")
+        host = forked("identify", witness.url, "--arm", "-o", "my.bench.toml")
         witness.wait_until_driven(1)
         board.kill()
         code, out, err = finished(host)

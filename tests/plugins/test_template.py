@@ -2,12 +2,12 @@
 
 import json
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 import hil
+from tests.forked import hil_says
 from tests.plugins.compiled import library
 from tests.plugins.running import bench, ran
 
@@ -15,8 +15,7 @@ pytestmark = [pytest.mark.usefixtures("no_report"), pytest.mark.slow]
 
 
 def init(place: Path, *options: str) -> "subprocess.CompletedProcess[str]":
-    command = [sys.executable, "-m", "hil", "init", *options]
-    return subprocess.run(command, cwd=place, capture_output=True, text=True, check=False)
+    return hil_says("init", *options, cwd=place)
 
 
 @pytest.mark.parametrize("ending", [".py", ".c"])
