@@ -101,7 +101,7 @@ def test_double_is_the_bench_to_the_last_bit(tmp_path: Path) -> None:
         sense, applied = (two(*map(int, rows[m])) for rows in (vectors.sense, vectors.applied))
         theirs.estimator_step_codes(estimator, sense, applied, int(m >= vectors.quiet), drive)
         assert tuple(drive) == tuple(vectors.drive[m])
-    estimate = (ctypes.c_double * 33)()
+    estimate = (ctypes.c_double * 35)()  # gyro_estimate: 34 numbers, and whether they are valid
     theirs.gyro_estimator_read(estimator, estimate)
     assert np.array_equal(estimate[:13], vectors.state)
     assert np.array_equal(estimate[13:26], vectors.deviation)

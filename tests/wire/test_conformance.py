@@ -12,6 +12,7 @@ from hil.wire.inproc import open_inproc
 from hil.wire.key_file import make_key
 from hil.wire.link_name import Emulated
 from tests.emulator.gyro import EXAMPLES
+from tests.forked import Forked
 from tests.running import gyro
 from tests.wire.served import emulated, tripped
 
@@ -42,11 +43,11 @@ class TestInproc(Conformance):
 class TestPty(Conformance):
     @classmethod
     def start(cls):
-        return emulated("pty")
+        return emulated("pty", start=Forked)
 
     @classmethod
     def start_faulty(cls, first_s, duration_s):
-        return emulated("pty", tripped(first_s, duration_s))
+        return emulated("pty", tripped(first_s, duration_s), start=Forked)
 
 
 @pytest.mark.realtime  # a reader that lags loses datagrams
