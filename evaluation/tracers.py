@@ -10,14 +10,12 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Mapping
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from estimator.side_by_side import one_worker_each
+from benchmarks.jobs import done_by
 from evaluation.undeclared.judging import class_of
 from hil.errors import InputError
 from hil.importing.importer import import_record
@@ -42,9 +40,8 @@ def main() -> int:
         maker = [sys.executable, "-m", f"evaluation.strangers.{options.emulator}"]
         subprocess.run([*maker, "--seed", str(options.seed), "--out", str(folder)], check=True)
     places = sorted(folder.glob("[0-9][0-9].csv"))[: options.most]
-    one_worker_each()
-    with ProcessPoolExecutor(options.jobs, mp_context=get_context("spawn")) as pool:
-        answers = dict(zip([place.stem for place in places], pool.map(_traced, places), strict=True))
+    found = {place.stem: future.result() for place, future in done_by(options.jobs, _traced, places)}
+    answers = dict(sorted(found.items()))
     summary = _judged(folder, answers)
     seconds = np.array([answer["cpu_s"] for answer in answers.values()])
     summary["cpu_s"] = {"median": float(np.median(seconds)), "95 %": float(np.quantile(seconds, 0.95))}

@@ -2,20 +2,18 @@
 
 import json
 import math
-import os
 import shutil
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from multiprocessing import get_context
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks.jobs import done_by
 from benchmarks.row import Say
 from benchmarks.verdicts.population import SAMPLES, plan
-from estimator.side_by_side import one_worker_each
 from evaluation.undeclared.population import Order
 
 FOLDER = Path("runs/verdicts")
@@ -30,12 +28,11 @@ def campaign(orders: Sequence[Order], folder: Path, *, jobs: int, say: Say, samp
     lines = {key: line for key, line in lines.items() if "failed" not in line}  # those are tried again
     waiting = [order for order in orders if key_of(order, samples) not in lines]
     begin = time.monotonic()
-    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors
-    one_worker_each()
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool, kept.open("a") as out:
-        running = {pool.submit(run_one, order, folder, samples): order for order in waiting}
-        for done, future in enumerate(as_completed(running), 1):
-            order, error = running[future], future.exception()
+    with kept.open("a") as out:
+        for done, (order, future) in enumerate(
+            done_by(jobs, partial(run_one, folder=folder, samples=samples), waiting), 1
+        ):
+            error = future.exception()
             if error is None:
                 line = future.result()
             else:  # a traceback of the product is a finding

@@ -7,16 +7,18 @@ folder.
 import argparse
 import json
 import sys
+import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from benchmarks.jobs import done_by
 from evaluation.undeclared.judging import Judgement, judge
 from evaluation.undeclared.page import write_page
 from evaluation.undeclared.population import DRAW, population
 from evaluation.undeclared.record import SAMPLES
 from evaluation.undeclared.summary import summarise
-from evaluation.undeclared.tracing import all_done, done
+from evaluation.undeclared.tracing import done
 from hil.errors import told_to_user
 from hil.records.atomic import write_text
 
@@ -43,7 +45,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         done, folder=options.folder, samples=options.samples, making=making, tracing=tracing, keep=options.keep
     )
     try:
-        all_done(orders, options.jobs, one)
+        begin = time.monotonic()
+        for number, (order, future) in enumerate(done_by(options.jobs, one, orders), 1):
+            said = f"{number}/{len(orders)} {order.name}: {future.result()}, {time.monotonic() - begin:.0f} s"
+            print(said, file=sys.stderr, flush=True)
         if tracing:
             judged = [judgement_of(options.folder / order.name) for order in orders]
             summary = summarise(judged)

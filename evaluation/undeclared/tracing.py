@@ -6,17 +6,11 @@ FOLDER/NAME/traced.json      by which estimator, how long it took, why it was re
 
 import hashlib
 import json
-import os
 import shutil
-import sys
 import time
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from functools import cache
-from multiprocessing import get_context
 from pathlib import Path
 
-from estimator.side_by_side import one_worker_each
 from evaluation.undeclared.population import Order
 from evaluation.undeclared.record import made_of, make
 from hil.errors import InputError
@@ -36,23 +30,6 @@ def done(order: Order, folder: Path, samples: int, *, making: bool, tracing: boo
     if not tracing or is_traced(place, None if keep else tracer):
         return "there"
     return trace_one(place, tracer)
-
-
-def all_done(orders: Sequence[Order], jobs: int, one: Callable[[Order], str]) -> None:
-    """`one` of each record, `jobs` at a time, with a line on standard error.  Raises as that does."""
-    os.environ |= dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")  # as many processes as processors
-    one_worker_each()
-    begin = time.monotonic()
-    with ProcessPoolExecutor(jobs, mp_context=get_context("spawn")) as pool:
-        running = {pool.submit(one, order): order for order in orders}
-        try:
-            for number, future in enumerate(as_completed(running), 1):
-                took = time.monotonic() - begin
-                said = f"{number}/{len(orders)} {running[future].name}: {future.result()}, {took:.0f} s"
-                print(said, file=sys.stderr, flush=True)
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
 
 
 def trace_one(place: Path, tracer: str) -> str:
