@@ -115,11 +115,12 @@ def span_time(
     axes: "list[Axes]", t_s: npt.NDArray[np.float64] | Sequence[float], settle_s: float | None = None
 ) -> None:
     """Give the panels the record's time span, from first to last of `t_s`; grey what lies before the scored window."""
-    start, end = float(t_s[0]), float(f"{t_s[-1]:.3g}")
+    start, end = float(t_s[0]), max(float(f"{t_s[-1]:.3g}"), float(t_s[-1]))
     if 0 < start < 0.02 * end:
         start = 0.0
     for ax in axes:
-        ax.set_xlim(start, max(end, float(t_s[-1])))
+        if end > start:  # not of a single sample
+            ax.set_xlim(start, end)
         if settle_s is not None and settle_s > start:
             ax.axvspan(start, settle_s, color=MUTED, alpha=0.10, linewidth=0)
 
