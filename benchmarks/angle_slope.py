@@ -50,7 +50,7 @@ def in_gain_mode(split: float, latency: int, noise_V: float) -> tuple[ClosedLoop
             "sense": {"noise_V": math.hypot(noise_V, 0.5 / 2**16 / math.sqrt(12.0))},
             "drive": {"full_scale": full},
         },
-        loop={"mode": "gain", "clock": "lockstep", "block": 250, "seed": 1},
+        loop={"mode": "gain", "clock": "lockstep", "block": 250, "seed": 1, "settle_s": 0.0},
         observer={
             "memory_s": 0.2,
             "initial_sd": {"rate_rad_s": 2.0 * rate},

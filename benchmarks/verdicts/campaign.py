@@ -1,15 +1,12 @@
 """The runs, a few processes side by side; one JSON line each, so that a campaign can go on where it stopped."""
 
 import json
-import math
 import shutil
 import time
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from benchmarks.jobs import done_by
 from benchmarks.row import Say
@@ -104,31 +101,13 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
         "budget": [row.model_dump() for row in said.uncertainty],
         "error_rms_rad": said.angle_error_rms_rad,
         "error_max_rad": said.score.angle_error_max_rad if said.score else None,
-        "error_end_rad": end_error(came.folder, truth),
+        "error_end_rad": said.score.angle_error_end_rad if said.score else None,
         "innovation_ratio": ratio(said.innovation_rms, said.noise_floor),
         "scan": None if said.scan is None else said.scan.model_dump(exclude={"cannot_exclude"}),
         "unexcluded": [] if said.scan is None else [row.model_dump() for row in said.scan.cannot_exclude[:8]],
     }
     shutil.rmtree(place, ignore_errors=True)
     return line
-
-
-def end_error(run: Path, truth: Path) -> float | None:
-    """Reported less true rotation at the end of the scored window, both zero at its start, rad."""
-    from hil.records.runfolder import RunFolder
-    from hil.records.truth import read_truth
-    from hil.scoring.score import scored_window
-
-    folder, true = RunFolder(run), read_truth(truth)
-    if folder.estimates is None or "angle_rad" not in folder.estimates:
-        return None
-    window = scored_window(folder.estimates, true, folder.settle_s)
-    if not len(window.t_s):
-        return None
-    said = np.asarray(folder.estimates["angle_rad"])[window.estimated]
-    rotation = np.asarray(true["angle_rad"])[window.true]
-    off = float((said[-1] - said[0]) - (rotation[-1] - rotation[0]))
-    return off if math.isfinite(off) else None
 
 
 def ratio(rms: float | None, floor: float | None) -> float | None:

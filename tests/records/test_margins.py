@@ -7,7 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from hil.report.theme import drawing_style, legend, new_figure, plain_log_ticks, stacked
+from hil.report.theme import drawing_style, legend, new_figure, plain_log_ticks, span_time, stacked
 
 
 def over_one_another() -> Figure:
@@ -105,3 +105,10 @@ def test_panels_take_most_of_a_figure() -> None:
         figure.draw_without_rendering()
         share = sum(ax.get_position().width * ax.get_position().height for ax in figure.axes)
     assert 0.4 < share < 0.8
+
+
+def test_a_record_of_one_sample_has_no_span() -> None:
+    _, panels = stacked(3.0, (1.0,))
+    span_time(panels, [0.25], 0.5)  # a warning would fail
+    low, high = panels[0].get_xlim()
+    assert low < high
