@@ -4,9 +4,10 @@ from estimator.effects.catalogue import EFFECTS
 from estimator.effects.declaration import Coefficient, Effect, Parameter, Source
 from estimator.effects.equation import equations
 
+_TIME = "t in s, 0 one sample interval before the first sample"
 _SIGNALS = {
-    Source.COSINE: "cos(omega t)",
-    Source.SINE: "sin(omega t)",
+    Source.COSINE: f"cos(omega t), {_TIME}",
+    Source.SINE: f"sin(omega t), {_TIME}",
     Source.TEMPERATURE: "measured temperature, less its first reading; the reading of a sample holds over the interval "
     "that ends with it",
     Source.INTEGRAL: "∫ u{axis} dt, leaking at `{behind}`",
@@ -15,7 +16,7 @@ _SIGNALS = {
     Source.DECAY: "exp(−leak_{axis} t) from the first sample on",
     Source.LAG: "u{axis} behind a first-order lag of {behind}",
     Source.WANE: "exp(−t/{behind}) from the first sample on",
-    Source.TIME: "time since the first sample",
+    Source.TIME: f"t, {_TIME}",
     Source.STOP: "{axis} less z, which stays while it is no further from {axis} than {behind}, else follows at that "
     "distance; begins as if {axis} had come from 0",
     Source.SLIP: "z of ż = v{axis} while z and v{axis} differ in sign, else v{axis} (1 − |z|/{behind}); 0 at first",

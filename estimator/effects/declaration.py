@@ -47,7 +47,7 @@ class Source(Enum):
     DECAY = 7  # exp(−λt) from the first sample on, with λ the parameter of that axis
     LAG = 8  # drive of an axis behind a first-order lag, its time constant the coefficient `behind`
     WANE = 9  # exp(−t/T) from the first sample on, T the coefficient `behind`
-    TIME = 10  # since the first sample
+    TIME = 10  # 0 one sample interval before the first sample, as for COSINE and SINE
     SLIP = 11  # z of ż = ẋ against z, ẋ (1 − |z|/reach) along it, of an axis; reach the coefficient `behind`
     STOP = 12  # x of an axis less what follows it with play, never beyond the half-width, the coefficient `behind`
 
