@@ -4,9 +4,11 @@ import errno
 import os
 import unicodedata
 from collections.abc import Sequence
-from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint  # which every command would load
 
 _LONGEST, _END = 900, 300
 _TOLD_APART = {ord("\n"): "\\n", ord("\t"): "\\t", ord("\r"): "\\r"}
@@ -104,7 +106,7 @@ def names_of(argument: str, given: str | Sequence[str]) -> tuple[str, ...]:
     return tuple(given)
 
 
-def loaded(entry: EntryPoint, asked: str) -> Any:
+def loaded(entry: "EntryPoint", asked: str) -> Any:
     """The object of an entry point; `asked`: what needs it, as an error begins.  Raises InputError."""
     try:
         return entry.load()
