@@ -31,13 +31,19 @@ def entries() -> str:
 def _entry(effect: Effect) -> str:
     lines = [f"## {effect.name}\n\n{effect.title}.\n"]
     lines += [f"- `{equation}`" for equation in equations(effect)]
-    named = ", ".join(f"`{p.name}` [{p.unit}]{_choices(p)}" for p in effect.parameters)
+    named = ", ".join(f"`{p.name}` [{p.unit}]{_choices(p)}" for p in effect.parameters if not _stays(effect, p))
     if effect.declared_only:
         lines.append(f"- parameters, given and never estimated (no record could; no trace names it): {named}")
     else:
         lines.append("- coefficients: " + ", ".join(map(_coefficient, effect.coefficients)))
-        if effect.parameters:
+        if named:
             lines.append(f"- parameters, given and not estimated (a trace searches for them): {named}")
+        lines += [
+            f"- `{p.name}` [{p.unit}], {p.default:g} A ω0 unless given: neither estimated nor searched for"
+            for p in effect.parameters
+            if _stays(effect, p)
+        ]
+        if effect.parameters:
             same = [f"`{p.name}` and `{p.found_as}`" for p in effect.parameters if p.found_as is not None]
             lines += [f"- one number each: {', '.join(same)}"] if same else []
     for signal in effect.signals:
@@ -52,6 +58,11 @@ def _entry(effect: Effect) -> str:
     lines.append(f"- compensation: {effect.compensation.value}")
     lines.append(f"- source: {effect.source}")
     return "\n".join(lines)
+
+
+def _stays(effect: Effect, parameter: Parameter) -> bool:
+    """Whether a trace takes it as it is."""
+    return parameter.default is not None and not effect.declared_only
 
 
 def _coefficient(c: Coefficient) -> str:

@@ -69,9 +69,9 @@ class Parameter:
     """A number of an effect that is given, not estimated: a frequency, a threshold; tracing searches for it.
 
     length, time, kelvin, volt: powers of metre, second, kelvin and volt in its SI unit, per unit mass; default: in
-    scaled units, where there is a sensible one; choices: the only values it may have, none: any; above: below or at
-    that there is no such device; tried: in scaled units, from where a trace begins its search; found_as: the effect's
-    coefficient that it is the same number as, where it is one: then a trace takes it from there.
+    scaled units, where there is a sensible one, which a trace keeps; choices: the only values it may have, none: any;
+    above: below or at that there is no such device; tried: in scaled units, from where a trace begins its search;
+    found_as: the effect's coefficient that it is the same number as, where it is one: then a trace takes it from there.
     """
 
     symbol: "sp.Symbol"
