@@ -33,9 +33,9 @@ from device_emulator.device import TRUTH_COLUMNS, Device
 from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.inputs.declared import controller_settings_of, device_of, observer_settings_of
-from hil.running.preflight import configure
-from hil.running.skeleton import Loop
-from hil.running.worker import make_loop
+from hil.running.loop.skeleton import Loop
+from hil.running.process.worker import make_loop
+from hil.running.safety.preflight import configure
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink

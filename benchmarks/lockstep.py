@@ -23,10 +23,10 @@ from hil.bench import Bench, load_bench, override
 from hil.bench.examples import find
 from hil.plugins.of_bench import loop_observer
 from hil.records.estimates import ANGLE_COLUMNS
-from hil.running.preflight import configure
-from hil.running.skeleton import Counters
-from hil.running.tracks import column_of
-from hil.running.worker import make_loop
+from hil.running.loop.skeleton import Counters
+from hil.running.process.worker import make_loop
+from hil.running.recording.tracks import column_of
+from hil.running.safety.preflight import configure
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink

@@ -207,7 +207,7 @@ def _killed(here: Path, url: str, victim: str, after_s: float) -> tuple[bool, in
             os.kill(process, signal.SIGKILL)
             time.sleep(0.5)
         else:
-            (loop,) = _of(here, "hil.running.worker")
+            (loop,) = _of(here, "hil.running.process.worker")
             os.kill(loop, signal.SIGKILL)
             _until(lambda: service.state["run"] is None)
     if victim == "service":  # the loop went on: another service finds it, and ends it

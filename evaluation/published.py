@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 
 from benchmarks.lockstep import ClosedLoop, bench_of, close_loop, scenario_of
 from estimator.characteristics.angle_map import AngleMap, Correction, pattern_angle
+from estimator.characteristics.rate_error import line
 from estimator.characteristics.regression import Fitted
-from estimator.characteristics.scale_factor import line
 from estimator.characteristics.stretches import HARMONICS, Stretches, joined, pattern_columns
 from estimator.side_by_side import one_blas_thread
 from hil.bench import Bench

@@ -26,9 +26,9 @@ _AS_GIVEN = inspect.signature(subprocess.Popen._execute_child)  # type: ignore[a
 _MAINS: dict[str, tuple[str, Callable[[Any, list[str]], int]]] = {
     "device_emulator": ("device_emulator.__main__", lambda emulator, arguments: emulator.main(arguments)),
     "hil": ("hil.service.serve", lambda _, arguments: _command(arguments)),
-    "hil.running.recorder": ("hil.running.recorder", lambda recorder, _: recorder.serve() or 0),
+    "hil.running.recording.recorder": ("hil.running.recording.recorder", lambda recorder, _: recorder.serve() or 0),
     "hil.report.artist": ("matplotlib.backends.backend_svg", lambda *_: _artist()),
-    "hil.running.worker": ("hil.running.worker", lambda worker, _: worker.main()),
+    "hil.running.process.worker": ("hil.running.process.worker", lambda worker, _: worker.main()),
     "hil.service.board.keeper": ("hil.service.board.keeper", lambda keeper, arguments: _keeper(keeper, arguments)),
     "hil.service.board.link_process": ("hil.service.board.link_process", lambda process, _: process.main()),
     "hil.sweeping.child": ("hil.sweeping.one_run", lambda *_: _task()),
@@ -37,8 +37,8 @@ _MAINS: dict[str, tuple[str, Callable[[Any, list[str]], int]]] = {
 """Of a module as `python -m` takes it: what is loaded before the fork, and what is done in it."""
 
 _STARTERS = (
-    "hil.boards.emulation", "hil.cli.run_live", "hil.report.artist", "hil.running.recorder",
-    "hil.running.worker_process", "hil.service.board.line", "hil.service.board.link_process", "hil.service.jobs.jobs",
+    "hil.boards.emulation", "hil.cli.run_live", "hil.report.artist", "hil.running.recording.recorder",
+    "hil.running.process.start", "hil.service.board.line", "hil.service.board.link_process", "hil.service.jobs.jobs",
     "hil.sweeping.process",
 )  # fmt: skip
 

@@ -11,7 +11,7 @@ import pytest
 
 from estimator.trace import checks, likelihood, search
 from estimator.trace.likelihood import TIE
-from estimator.trace.result import MOST
+from estimator.trace.verdict import MOST
 from hil.bench.calibration import ASSUMED, Assumed, Calibration
 from tests.test_doc_links import ROOMS
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pydantic import BaseModel
 
 from hil.sweeping.campaign import Campaign, Design, Each, Report, Run, Trace, Vary
-from hil.sweeping.figures import FIGURES, IDENTITY
+from hil.sweeping.columns import FIGURES, IDENTITY
 from hil.sweeping.instrument import Instrument
 from tools.markdown import keys_table, table
 

@@ -6,8 +6,8 @@ which it is less than a tenth.
 
 import numpy as np
 
+from estimator.characteristics.rate_error import Levels
 from estimator.characteristics.regression import Estimate
-from estimator.characteristics.scale_factor import Levels
 
 HALF, DEAD = 0.5, 0.1
 _SURE = 0.25  # of what a rate should bring, to which its response has to be known

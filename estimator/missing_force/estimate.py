@@ -28,9 +28,9 @@ from estimator.trace.likelihood import ObserverLayout, observer_of
 from estimator.trace.named import constants_of, effects_of, intervals_of
 from estimator.trace.observed import run
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.result import Judged
 from estimator.trace.start import begin_moving
 from estimator.trace.trace import judged_on
+from estimator.trace.verdict import Judged
 
 _UNEVEN = 1e-3  # largest spread of the steps
 

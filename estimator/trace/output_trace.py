@@ -21,8 +21,8 @@ from estimator.trace.likelihood import Check
 from estimator.trace.output_error import Output, OutputError, OutputLayout
 from estimator.trace.probabilities import probabilities
 from estimator.trace.rejected import Failed, rejected
-from estimator.trace.result import Judged, answer, share_of
 from estimator.trace.trace import evidence_of, judge
+from estimator.trace.verdict import Judged, answer, share_of
 
 LAGS = 20
 """Over which what is left is asked whether it is white."""

@@ -19,8 +19,8 @@ from estimator.trace.pool import Pool
 from estimator.trace.pooled import Pooled, pooled
 from estimator.trace.pooled_layout import PooledLayout, constant_of
 from estimator.trace.problem import Progress, unseen
-from estimator.trace.result import diagnosis
 from estimator.trace.trace import judge, judged_of, likelihood_of
+from estimator.trace.verdict import diagnosis
 
 
 def trace_pool(pool: Pool, held_out: Sequence[int], progress: Progress = unseen) -> Diagnosis:

@@ -14,15 +14,15 @@ from estimator.trace.chosen import REFINED, SEARCHED, Chosen, choose
 from estimator.trace.examination import Examination, examine
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import RISE, FittedModel, finished, fit, maximise, settle
-from estimator.trace.fitness import require_traceable
 from estimator.trace.free_run import FreeRun
 from estimator.trace.likelihood import Evaluation, Likelihood
 from estimator.trace.named import constants_of, effects_of
 from estimator.trace.problem import Problem, Progress, unseen
 from estimator.trace.reference import departures
 from estimator.trace.rejected import Failed
-from estimator.trace.result import Judged, diagnosis, share_of
 from estimator.trace.search import without_effect
+from estimator.trace.traceable import require_traceable
+from estimator.trace.verdict import Judged, diagnosis, share_of
 
 CLOSE = 0.01
 """Share of what an effect gains, to which the model without it is fitted."""

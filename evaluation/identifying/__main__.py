@@ -19,11 +19,11 @@ from hil.identifying.request import request_of
 from hil.progress import untold
 from hil.running.concluding import Made, conclude
 from hil.running.options import LocalRunOptions
+from hil.running.process.worker import Order, work
+from hil.running.process.worker import untold as untold_lines
 from hil.running.request import RunRequest
 from hil.running.request import request_of as run_request
 from hil.running.run import RunResult, new_folder
-from hil.running.worker import Order, work
-from hil.running.worker import untold as untold_lines
 from hil.scoring.score import score
 from hil.wire.errors import WireError
 

@@ -13,8 +13,8 @@ from estimator.trace.chosen import Chosen, choose
 from estimator.trace.free_run import FreeRun
 from estimator.trace.named import constants_of, effects_of
 from estimator.trace.problem import Problem
-from estimator.trace.result import share_of, verdict_of
 from estimator.trace.trace import evidence_of, judge, judged_of
+from estimator.trace.verdict import share_of, verdict_of
 from evaluation.measured.outcome import Say
 from hil.bench import examples, load_bench
 from hil.importing.importer import import_record

@@ -9,7 +9,7 @@ import numpy as np
 from estimator.diagnosis import Verdict
 from estimator.scaling import Array
 from estimator.trace.likelihood import AT_FLOOR
-from estimator.trace.result import MOST
+from estimator.trace.verdict import MOST
 
 Say = Callable[[str], None]
 

@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from estimator.characteristics.scale_factor import Line
+from estimator.characteristics.rate_error import Line
 from estimator.characteristics.stretches import HARMONICS
 from estimator.side_by_side import one_blas_thread, side_by_side
 from hil.bench.angle_map import Calibrated, Harmonics, write_angle_map

@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from estimator.allan.deviation import AllanSums
 from estimator.allan.noise import LEAST_SAMPLES, Noise, read_noise
+from estimator.characteristics.rate_error import LEAST_TURNS, Line, fewest, line, passed
 from estimator.characteristics.regression import Estimate
 from estimator.characteristics.response import LEAST, response
-from estimator.characteristics.scale_factor import LEAST_TURNS, Line, fewest, line, passed
 from estimator.characteristics.small_rates import small_rates
 from estimator.characteristics.start_up import FEWEST, start_up
 from estimator.characteristics.stretches import HARMONICS, Gathered, Stretches, joined, pattern_columns

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 from hil.errors import InputError, printable, refusal_of
 from hil.errors.ending import ExitCode, ending_of
 from hil.errors.interruption import take_signals
-from hil.running.worker_process import started_ahead
+from hil.running.process.start import started_ahead
 
 _RENAMED = {("trace", "--force"): "--missing-force", ("trace", "--no-force"): "--no-missing-force"}
 _BARE = {"trace", "import", "export", "show", "ls", "check", "diff", "init"}

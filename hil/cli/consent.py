@@ -18,7 +18,7 @@ def require(link: str, bench: "Bench", *, given: bool) -> None:
     """Return when arming is allowed: ``given`` by --arm or by a yes at the terminal; else `InputError`."""
     if given:
         return
-    from hil.running.drives import drives
+    from hil.running.safety.drives import drives
 
     what = "\n".join(f"  {name:<20} {value}" for name, value in drives(bench, link)[1:])
     require_words(link, what, given=given, otherwise=" (--dry-run looks without arming)")

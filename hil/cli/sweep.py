@@ -66,7 +66,7 @@ def sweep(
 def _list(plan: "Plan", folder: Path, *, as_json: bool) -> None:
     from hil.cli.show import print_json
     from hil.errors import printable
-    from hil.sweeping.figures import shown
+    from hil.sweeping.columns import shown
 
     if as_json:
         runs = [

@@ -12,7 +12,7 @@ from hil.boards.emulation import is_emulated, served
 from hil.doctor import machine
 from hil.doctor.machine import Finding
 from hil.errors import InputError
-from hil.running import line_workers
+from hil.running.process import line_workers
 from hil.wire.can_format import ROOM
 from hil.wire.errors import WireError
 from hil.wire.link_name import CanInterface, SerialPort, parse_link

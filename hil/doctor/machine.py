@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from hil.running import line_workers
+from hil.running.process import line_workers
 
 State = Literal["good", "missing", "bad"]
 
@@ -52,7 +52,7 @@ def carriers() -> Finding:
     if line_workers.permitted():
         return Finding("kernel's line workers", "good", "a run over a serial port or a pty raises their priority")
     told = "they carry a serial line's bytes at ordinary priority: other programs make answers late"
-    remedy = f"sudo {sys.executable} -m hil.running.line_workers, in a terminal of its own while runs last"
+    remedy = f"sudo {sys.executable} -m hil.running.process.line_workers, in a terminal of its own while runs last"
     return Finding("kernel's line workers", "missing", told, remedy)
 
 

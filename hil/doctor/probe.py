@@ -41,7 +41,7 @@ def probe(url: str, *, stream: bool) -> dict[str, Any]:
     endpoint = Endpoint(open_link(url))
     try:
         identity = client.connect(endpoint)
-        from hil.running.trim_outputs import read_outputs
+        from hil.running.safety.trim_outputs import read_outputs
 
         stream = stream and Capabilities.PACED in Capabilities(identity.capabilities)
         if stream:

@@ -38,8 +38,8 @@ from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, write_text
 from hil.records.capture import Capture, read_capture
 from hil.records.runfolder import RunFolder
-from hil.running.preflight import require_plausible
 from hil.running.run import run as run_apart
+from hil.running.safety.preflight import require_plausible
 from hil.wire.link_name import SerialPort, parse_link
 from hil.wire.messages import Capabilities, Identity
 

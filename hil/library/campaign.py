@@ -41,7 +41,7 @@ class Sweep:
     @cached_property
     def table(self) -> "pyarrow.Table":
         """A row a run, in their order: its keys, its figures (docs/reference/campaigns.md)."""
-        from hil.sweeping.figures import schema
+        from hil.sweeping.columns import schema
         from hil.sweeping.kept import read_rows
 
         return read_rows(self._folder, schema(self._plan.campaign))

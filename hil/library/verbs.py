@@ -29,8 +29,8 @@ from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder
 from hil.replaying.options import ReplayOptions
 from hil.running.options import LocalRunOptions
+from hil.running.process.start import started_ahead
 from hil.running.request import request_of, require_consent
-from hil.running.worker_process import started_ahead
 from hil.sensors.options import LocalRecordOptions
 from hil.sweeping.options import LocalSweepOptions
 from hil.tracing.options import TraceOptions

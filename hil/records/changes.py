@@ -12,7 +12,7 @@ CHANGES = "changes.jsonl"
 
 
 class Change(NamedTuple):
-    """All settings in force from the sample of `tick` on, as `hil.running.live_settings` names them."""
+    """All settings in force from the sample of `tick` on, as `hil.running.process.live_settings` names them."""
 
     tick: int
     settings: dict[str, float]

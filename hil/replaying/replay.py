@@ -22,12 +22,12 @@ from hil.records.atomic import occupied, replacing
 from hil.records.capture import TRIMS, Capture, read_capture, trims_beside
 from hil.records.changes import Change, note_change, read_changes
 from hil.records.runfolder import RunFolder
-from hil.running.angle import ReportedAngle
 from hil.running.concluding import Made, conclude
-from hil.running.live_settings import LiveSettings
-from hil.running.recorder import record_here
+from hil.running.process.live_settings import LiveSettings
+from hil.running.recording.angle import ReportedAngle
+from hil.running.recording.recorder import record_here
+from hil.running.recording.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
 from hil.running.run import RunResult, new_folder
-from hil.running.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
 
 _BLOCK = 1 << 14
 

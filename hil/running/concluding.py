@@ -17,7 +17,7 @@ from hil.records.direct import OnDisk, on_disk
 from hil.records.result import Load, Result, Told, save_result
 from hil.records.runfolder import RunFolder
 from hil.report.artist import Artist, artist_process
-from hil.running.supervision import ctrl_c
+from hil.running.process.supervision import ctrl_c
 from hil.verdict.safety import judge_safety
 
 _UNFINISHED = "interrupted while the figures were computed"

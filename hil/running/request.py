@@ -15,8 +15,8 @@ from hil.errors.input import path_of, require
 from hil.options import chosen
 from hil.records.kind import fresh
 from hil.running.beside import require_reference
-from hil.running.drives import drives, in_one_line
 from hil.running.options import OF_THE_LOOP, LocalRunOptions, RunOptions
+from hil.running.safety.drives import drives, in_one_line
 
 
 @dataclass(frozen=True)

@@ -23,11 +23,11 @@ from hil.records.runfolder import RunFolder
 from hil.running import concluding
 from hil.running.beside import recorded_beside
 from hil.running.concluding import Interrupted, Made
+from hil.running.process.start import worker_process
+from hil.running.process.supervision import Noticed, as_raised, supervise
+from hil.running.process.worker import Order
 from hil.running.request import RunRequest
-from hil.running.safety import alarm_of
-from hil.running.supervision import Noticed, as_raised, supervise
-from hil.running.worker import Order
-from hil.running.worker_process import worker_process
+from hil.running.safety.stops import alarm_of
 
 if TYPE_CHECKING:
     from hil.wire.wire_log import WireLog
@@ -62,7 +62,7 @@ def run(
     leaves its folder with what was recorded and a result that says so; without `report` its page is left to be drawn
     by a caller that has more to put into it.  `noticed` is told of an early end before the board is SAFE, and of that.
     `board` is one that serves already, and is not stopped here; `control` the loop's end of a line to clients
-    (`hil.running.control`).  Raises InputError or WireError, and leaves nothing, when no run could begin; Interrupted,
+    (`process/control.py`).  Raises InputError or WireError, and leaves nothing, when no run could begin; Interrupted,
     which says what was done, is raised after SAFE and a closed record.
     """
     bench, link, dry_run, truth = request.bench, request.link, request.dry_run, request.truth

@@ -27,9 +27,9 @@ from hil.records.runfolder import RunFolder
 from hil.running.attitude_live import LiveAttitude, Together, together
 from hil.running.concluding import Interrupted
 from hil.running.options import RunOptions
+from hil.running.process.supervision import ctrl_c
 from hil.running.request import RunRequest, request_of
 from hil.running.run import run
-from hil.running.supervision import ctrl_c
 
 NAMES = "xyz"
 CTRL_C = "Ctrl-C"

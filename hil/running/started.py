@@ -14,9 +14,9 @@ from hil.records.lateness import Lateness, lateness_of
 from hil.records.runfolder import RunFolder
 from hil.records.setting import Setting
 from hil.records.summary import answers
-from hil.running.supervision import supervise
-from hil.running.worker import Order
-from hil.running.worker_process import worker_process
+from hil.running.process.start import worker_process
+from hil.running.process.supervision import supervise
+from hil.running.process.worker import Order
 from hil.verdict.machine import held, loop_changes, own_setting
 from hil.wire.link_name import Emulated, parse_link
 

@@ -8,8 +8,8 @@ from fastapi import APIRouter, Header, Request
 from pydantic import BaseModel, ConfigDict, Field, StrictBool
 
 from hil.options import chosen, with_fields
-from hil.running.live_settings import Settings
 from hil.running.options import RunOptions
+from hil.running.process.live_settings import Settings
 from hil.service.board import part
 from hil.service.board.lease import LONGEST_S
 from hil.service.board.part import BoardPart

@@ -15,7 +15,7 @@ from hil.report.page import write_report
 from hil.running.request import request_of
 from hil.running.run import run as run_loop
 from hil.scoring.score import score
-from hil.sweeping.figures import schema
+from hil.sweeping.columns import schema
 from hil.sweeping.initial_values import with_drawn_initial_values
 from hil.sweeping.kept import read_rows
 from hil.sweeping.one_run import digest_of

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from hil.bench import Bench
 from hil.records.runfolder import RunFolder
 from hil.records.truth import Truth
-from hil.running.tracks import column_of
+from hil.running.recording.tracks import column_of
 
 Floats = npt.NDArray[np.float64]
 

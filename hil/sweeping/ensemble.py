@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from hil.numbers import SD_95
 from hil.scoring.nees import band
-from hil.sweeping.figures import STATES
+from hil.sweeping.columns import STATES
 
 if TYPE_CHECKING:
     import pyarrow

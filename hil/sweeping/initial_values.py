@@ -12,7 +12,7 @@ import numpy as np
 from hil.bench import Bench
 from hil.errors import InputError
 from hil.records.truth import Truth, read_truth
-from hil.running.tracks import column_of
+from hil.running.recording.tracks import column_of
 
 _SAMPLES = 16
 _DRAW = 0x6775657373  # any fixed number: apart from the noise of the same seed
@@ -49,7 +49,7 @@ def with_drawn_initial_values(bench: Bench, scenario: Path, place: Path) -> Benc
 
 def _first_moment(bench: Bench, scenario: Path, place: Path) -> Truth:
     """Truth of the first samples of that board, with the run's own seed."""
-    from hil.running.worker import Order, untold, work
+    from hil.running.process.worker import Order, untold, work
 
     rate_Hz = bench.device.sample_rate_Hz
     samples = 2 * bench.loop.block if bench.loop.in_blocks else _SAMPLES

@@ -29,7 +29,7 @@ from hil.scoring.score import (
     scored_window,
 )
 from hil.sweeping.campaign import Each
-from hil.sweeping.figures import AGAIN, STATES
+from hil.sweeping.columns import AGAIN, STATES
 from hil.sweeping.tasks import Done, Row, Task
 from hil.wire.errors import WireError
 
@@ -103,8 +103,8 @@ class _Made(NamedTuple):
 
 def _made(declared: Bench, scenario: Path, folder: Path, options: Mapping[str, Any], *, scan: bool) -> _Made:
     """Run a bench on the board of `scenario`, with options of a run, and judge it."""
+    from hil.running.process.worker import Order, untold, work
     from hil.running.request import request_of
-    from hil.running.worker import Order, untold, work
 
     place, truth_file = folder.parent, _truth_beside(folder)
     asked: Any = {**options, "truth": truth_file}

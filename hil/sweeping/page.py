@@ -16,7 +16,7 @@ from hil.report import markup
 from hil.report.markup import Figures
 from hil.report.theme import BAD, FIRST, MUTED, SECOND, Drawing, new_figure, plain_log_ticks
 from hil.report.verdict import Headline
-from hil.sweeping import figures
+from hil.sweeping import columns as figures
 from hil.sweeping.dependence import Dependence, Share, dependence
 from hil.sweeping.ensemble import Floats, Knows, Ratio, Worst, column, knows, over_bound, worst_of
 from hil.sweeping.plan import Plan

@@ -13,7 +13,8 @@ from hil.bench import Bench, examples, load_bench, make_way
 from hil.errors import InputError
 from hil.options import chosen
 from hil.running.options import OF_THE_LOOP, RunOptions
-from hil.sweeping import design, figures
+from hil.sweeping import columns as figures
+from hil.sweeping import design
 from hil.sweeping.campaign import Campaign, Vary, read_campaign
 from hil.sweeping.design import Table, parts_of, plain, put, value_at
 from hil.sweeping.tasks import Row, Task

@@ -7,8 +7,8 @@ from pathlib import Path
 from estimator import diagnosis as traced
 from estimator.errors import ModelError
 from estimator.side_by_side import interruptible, workers
-from estimator.trace.fitness import remarks, require_traceable
 from estimator.trace.pool import Member, Pool, held_out_by_default
+from estimator.trace.traceable import remarks, require_traceable
 from hil.bench import Bench
 from hil.bench.by_verb import require_usable
 from hil.errors import InputError

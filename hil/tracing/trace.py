@@ -14,8 +14,8 @@ from estimator.record import Record
 from estimator.settings import Device
 from estimator.side_by_side import interruptible, one_blas_thread, workers
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fitness import moves_until, remarks, require_length, require_traceable
 from estimator.trace.problem import Problem
+from estimator.trace.traceable import moves_until, remarks, require_length, require_traceable
 from hil.bench import Bench, RateSensorBench
 from hil.bench.by_verb import require_usable
 from hil.bench.ratio import drive_words

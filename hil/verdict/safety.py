@@ -15,7 +15,7 @@ _CAUSE = {
 
 
 def judge_safety(outcome: Mapping[str, Any]) -> Part:
-    """What the loop's process, or its supervisor, says of the board's stops (`hil.running.safety.Safety.told`)."""
+    """What the loop's process, or its supervisor, says of the board's stops (`Safety.told`)."""
     safety: Mapping[str, Any] | None = outcome.get("safety")
     if safety is None or not safety["armed"]:
         return Part(outcome="unknown")

@@ -8,8 +8,8 @@ import numpy.typing as npt
 import pyarrow as pa
 import pytest
 
+from hil.sweeping.columns import schema
 from hil.sweeping.dependence import Dependence, dependence
-from hil.sweeping.figures import schema
 from hil.sweeping.page import render
 from hil.sweeping.plan import Plan
 from tests.campaigns.small import plan, small

@@ -11,7 +11,7 @@ import pytest
 
 from hil.errors import InputError
 from hil.sweeping import kept as keeping
-from hil.sweeping.figures import schema
+from hil.sweeping.columns import schema
 from hil.sweeping.kept import Kept, read_rows
 from hil.sweeping.tasks import Done
 from tests.campaigns.conftest import bytes_in

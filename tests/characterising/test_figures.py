@@ -6,9 +6,9 @@ from scipy.signal import butter, lfilter
 from scipy.stats import rice
 
 from estimator.characteristics.angle_map import AngleMap, Correction, pattern_angle
+from estimator.characteristics.rate_error import line
 from estimator.characteristics.regression import Estimate, fitted
 from estimator.characteristics.response import response
-from estimator.characteristics.scale_factor import line
 from estimator.characteristics.small_rates import small_rates
 from estimator.characteristics.start_up import start_up
 from estimator.characteristics.stretches import Stretches, pattern_columns

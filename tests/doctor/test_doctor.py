@@ -50,7 +50,7 @@ def test_a_fit_machine(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1, 2, 3})
     monkeypatch.setattr(os, "getloadavg", lambda: (0.2, 0.2, 0.2))
     monkeypatch.setattr("hil.wire.framing.COBS_IN_C", True)
-    monkeypatch.setattr("hil.running.line_workers.line_workers", lambda: [os.getpid()])
+    monkeypatch.setattr("hil.running.process.line_workers.line_workers", lambda: [os.getpid()])
     assert [finding.state for finding in machine.examine()] == ["good"] * 6
 
 

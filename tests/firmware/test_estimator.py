@@ -20,7 +20,7 @@ from hil.records.layout import TICK, Column, Layout
 from hil.records.runfolder import RunFolder
 from hil.records.units import unit_of
 from hil.report.page import render
-from hil.running.recorder import record_here
+from hil.running.recording.recorder import record_here
 from hil.running.request import RunRequest
 from hil.running.run import run
 from hil.scoring.score import score

@@ -21,7 +21,7 @@ from hil.identifying import page
 from hil.identifying.recording import Experiment, played, ticks
 from hil.numbers import count
 from hil.progress import untold
-from hil.running import supervision  # noqa: F401 - loaded, so that its process is a fork
+from hil.running.process import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.wire.messages import Arm, Identity, Message, SafeReason
 from hil.wire.sense import Sense
 from tests.cli.conftest import Start, finished, forked  # noqa: F401

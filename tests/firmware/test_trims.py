@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from hil.bench import load_bench, override
-from hil.running.trim_outputs import read_outputs
+from hil.running.safety.trim_outputs import read_outputs
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.links import open_link

@@ -15,7 +15,7 @@ from hil.identifying.options import LocalIdentifyOptions
 from hil.identifying.request import request_of
 from hil.progress import untold
 from hil.records.runfolder import RunFolder
-from hil.running.drives import drives
+from hil.running.safety.drives import drives
 
 pytestmark = pytest.mark.slow
 

@@ -21,8 +21,8 @@ from hil.bench.template import keys, sections, template, values_of
 from hil.errors import InputError
 from hil.records.runfolder import RunFolder
 from hil.running import run as whole
-from hil.running import worker
 from hil.running.concluding import Made, conclude
+from hil.running.process import worker
 from hil.running.request import RunRequest
 from hil.tracing.request import request_of
 from tests.running import gyro

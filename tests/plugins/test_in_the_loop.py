@@ -15,7 +15,7 @@ from hil.plugins.of_bench import require_supported
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
 from hil.report.page import render
-from hil.running.live_settings import at_once
+from hil.running.process.live_settings import at_once
 from hil.scoring.score import score
 from tests.plugins.running import HERE, OWN, bench, quietly, ran
 from tests.running.closed import angle_errors

@@ -12,7 +12,7 @@ from hil.bench.examples import find
 from hil.errors import InputError
 from hil.plugins.finding import write_template
 from hil.records.runfolder import RunFolder
-from hil.running.worker import Order, work
+from hil.running.process.worker import Order, work
 from tests.plugins.compiled import library
 from tests.plugins.running import HERE
 

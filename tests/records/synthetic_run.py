@@ -18,7 +18,7 @@ from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter
 from hil.records.summary import summarise
 from hil.records.timing import timing_layout
-from hil.running.recorder import record_here
+from hil.running.recording.recorder import record_here
 
 MASS_KG = 1e-3
 OMEGA = 2 * np.pi * 200.0

@@ -12,7 +12,7 @@ from scipy.stats import chi2
 from hil.errors import InputError
 from hil.records.estimates import covariance_layout, estimates_layout, packed, read_covariance, read_estimates
 from hil.records.truth import read_truth
-from hil.running.recorder import record_here
+from hil.running.recording.recorder import record_here
 from hil.scoring.nees import band, nees, normalised_squares
 from tests.records.synthetic_run import write_truth
 

@@ -77,7 +77,7 @@ class Host:
     @property
     def worker(self) -> int:
         """The process the loop runs in."""
-        return self.child("hil.running.worker")
+        return self.child("hil.running.process.worker")
 
     def folders(self) -> list[Path]:
         """The run folders there are."""

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from hil.running.armed import Account
+from hil.running.safety.armed import Account
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import SafeReason, State
 from hil.wire.sense import SENSE

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from hil.running.armed import ArmedBoard
-from hil.running.stopping import Stopped
+from hil.running.safety.armed import ArmedBoard
+from hil.running.safety.stopping import Stopped
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkError, ProtocolError
@@ -198,8 +198,8 @@ def test_what_is_known_of_the_board_is_told_on(
         told.append((given, named))
         return Stopped(None, False, "no answer")
 
-    monkeypatch.setattr("hil.running.armed.Account", lambda *given: told.append(given))
-    monkeypatch.setattr("hil.running.armed.bring_to_safe", safe)
+    monkeypatch.setattr("hil.running.safety.armed.Account", lambda *given: told.append(given))
+    monkeypatch.setattr("hil.running.safety.armed.bring_to_safe", safe)
     link = {"timeout_s": TIMEOUT_S, "watchdog_s": 0.7}
     bench = gyro.unhurried_bench(1.0, "paced", link=link, **({"loop": loop} if loop else {}))
     host = Endpoint(Deaf())

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import pytest
 
-from hil.running import asked_again
-from hil.running.asked_again import Asked, ask_again, zero_drive
+from hil.running.safety import asked_again
+from hil.running.safety.asked_again import Asked, ask_again, zero_drive
 from hil.wire.codec import type_of
 from hil.wire.messages import DriveForce, Message, Nack, NackReason, RegisterRead, RegisterValue
 from tests.running.on_a_pty import connected

@@ -11,7 +11,7 @@ import pytest
 from hil.records.capture import TIME_LOCKSTEP, TIME_RUNNING
 from hil.records.result import BoardClock, ClockRelation, Result
 from hil.records.runfolder import RunFolder
-from hil.running.clock import ClockExchanges
+from hil.running.process.clock import ClockExchanges
 from hil.running.request import RunRequest
 from hil.running.run import run
 from hil.wire import client

@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.records.lateness import Lateness
 from hil.records.result import Answers, Load, Result
 from hil.running import started
-from hil.running.preflight import require_suitable
+from hil.running.safety.preflight import require_suitable
 from hil.verdict.machine import judge_machine
 from hil.wire.messages import Capabilities, Identity
 from tests.running import gyro

@@ -15,7 +15,7 @@ from hil.bench import override
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
 from hil.replaying.replay import replay
-from hil.running.tracks import column_of
+from hil.running.recording.tracks import column_of
 from hil.scoring.nees import nees
 from hil.wire.inproc import InprocLink
 from hil.wire.messages import ClockMode

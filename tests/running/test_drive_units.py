@@ -30,10 +30,10 @@ from hil.inputs.declared import (
 from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
 from hil.replaying.replay import replay
-from hil.running import preflight
-from hil.running.live_settings import LiveSettings, with_settings
+from hil.running.process.live_settings import LiveSettings, with_settings
 from hil.running.request import RunRequest
 from hil.running.run import run
+from hil.running.safety import preflight
 from hil.wire.messages import Identity
 from tests.running import gyro
 from tests.running.closed import close_loop, waiting

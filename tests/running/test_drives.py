@@ -4,8 +4,8 @@ import pytest
 
 import hil
 from hil.bench import Bench
-from hil.running.drives import digest, drives, in_one_line
-from hil.running.live_settings import Settings, with_settings
+from hil.running.process.live_settings import Settings, with_settings
+from hil.running.safety.drives import digest, drives, in_one_line
 
 LINK = "serial:/dev/ttyACM0"
 

@@ -5,7 +5,7 @@ A drive for the interval that begins at tick e is shown by the row of tick e + 1
 
 import pytest
 
-from hil.running.force import Echo
+from hil.running.loop.force import Echo
 from hil.wire.messages import SenseFlags
 
 HELD, SATURATED = int(SenseFlags.HELD), int(SenseFlags.SATURATED)

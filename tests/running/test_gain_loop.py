@@ -15,10 +15,10 @@ from hil.errors import InputError
 from hil.records.capture import RowFlag
 from hil.records.runfolder import RunFolder
 from hil.running import run as whole
-from hil.running.gain import BlockLoop
-from hil.running.preflight import require_suitable
+from hil.running.loop.gain import BlockLoop
+from hil.running.loop.skeleton import BeyondLimits
 from hil.running.request import RunRequest
-from hil.running.skeleton import BeyondLimits
+from hil.running.safety.preflight import require_suitable
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.inproc import InprocLink

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.running import force
+from hil.running.loop import force
 from hil.wire.messages import ClockMode
 from tests.running import gyro
 from tests.running.closed import HandPaced, angle_errors, board, close_loop

@@ -11,7 +11,7 @@ import pytest
 
 from hil.bench import Bench
 from hil.bench.device import Device
-from hil.running.opening import Levels
+from hil.running.safety.opening import Levels
 from tests.running import gyro
 from tests.running.misbehaving import Board
 

@@ -16,12 +16,12 @@ from hil.bench.examples import find
 from hil.records.runfolder import RunFolder
 from hil.report.artist import artist_process
 from hil.report.page import render
-from hil.running.worker_process import started_ahead, worker_process
+from hil.running.process.start import started_ahead, worker_process
 
 HEAVY = ("numba", "llvmlite", "sympy", "scipy", "pandas", "matplotlib", "filterpy")
 DRIVEN = """
 import json, sys
-from hil.running.worker import Order, work
+from hil.running.process.worker import Order, work
 order = json.loads(sys.argv[1])
 work(Order(**order), lambda **said: None, own_process=False)
 print(*[name for name in json.loads(sys.argv[2]) if name in sys.modules])

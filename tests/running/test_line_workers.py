@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from hil.running import line_workers
+from hil.running.process import line_workers
 
 pytestmark = pytest.mark.realtime(alone=True)  # the machine's workers are there once, and other runs have them, too
 
@@ -93,7 +93,7 @@ def test_what_somebody_else_has_put_ahead_stays_there() -> None:
 @may_set
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_process_of_its_own_does_it_until_it_is_ended(number: int) -> None:
-    with subprocess.Popen([sys.executable, "-m", "hil.running.line_workers"]) as process:
+    with subprocess.Popen([sys.executable, "-m", "hil.running.process.line_workers"]) as process:
         assert becomes(all_ahead)
         process.send_signal(number)
         assert process.wait(10.0) == 0
@@ -102,7 +102,7 @@ def test_a_process_of_its_own_does_it_until_it_is_ended(number: int) -> None:
 
 @may_set
 def test_a_killed_host_s_priorities_are_given_back_by_the_next_run() -> None:
-    with subprocess.Popen([sys.executable, "-m", "hil.running.line_workers"]) as process:
+    with subprocess.Popen([sys.executable, "-m", "hil.running.process.line_workers"]) as process:
         assert becomes(all_ahead)
         process.kill()
     assert AHEAD in priorities().values()

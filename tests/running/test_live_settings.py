@@ -17,7 +17,7 @@ from hil.records.capture import read_capture
 from hil.records.changes import note_change, read_changes
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
-from hil.running.live_settings import at_once, in_force, with_settings
+from hil.running.process.live_settings import at_once, in_force, with_settings
 from hil.running.request import RunRequest
 from hil.running.run import run
 from tests.running.test_replay import assert_same

@@ -11,9 +11,9 @@ import pytest
 
 from hil.records.layout import Layout
 from hil.records.timing import timing_layout
-from hil.running import recorder
-from hil.running.load import LoadMeter
-from hil.running.recorder import record_apart
+from hil.running.process.load import LoadMeter
+from hil.running.recording import recorder
+from hil.running.recording.recorder import record_apart
 
 STOP_S = 0.4
 BURN = "import time\nend = time.process_time() + 0.6\nwhile time.process_time() < end: pass"

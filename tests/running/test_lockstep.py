@@ -12,10 +12,10 @@ from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.records.runfolder import RunFolder
-from hil.running.preflight import configure
-from hil.running.recorder import record_here
+from hil.running.recording.recorder import record_here
 from hil.running.request import RunRequest
 from hil.running.run import run
+from hil.running.safety.preflight import configure
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import SafeReason
@@ -96,7 +96,7 @@ def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("standing", ["device_emulator", "hil.running.worker", "hil"])
+@pytest.mark.parametrize("standing", ["device_emulator", "hil.running.process.worker", "hil"])
 def test_stopping_a_process_changes_nothing(tmp_path: Path, undisturbed: bytes, standing: str) -> None:
     """The board, the loop, or the command itself, stopped for longer than a host is patient in real time."""
     scenario = gyro.scenario(tmp_path / "board.toml")

@@ -5,7 +5,7 @@ A block of 20 rows, answered by the matrix for the next tick; names are given fr
 
 import pytest
 
-from hil.running.gain import SentMatrices
+from hil.running.loop.gain import SentMatrices
 
 BLOCK = 20
 

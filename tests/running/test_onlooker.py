@@ -8,14 +8,14 @@ import time
 import numpy as np
 import pytest
 
-from hil.running.ring import Onlooker, Ring
+from hil.running.recording.ring import Onlooker, Ring
 
 ROW = np.dtype([("tick", "<i8"), ("a", "<f8"), ("b", "<f8")])
 
 PRODUCER = """
 import sys, time
 import numpy as np
-from hil.running.ring import Ring
+from hil.running.recording.ring import Ring
 from tests.running.test_onlooker import ROW, rows
 ring = Ring.attach(sys.argv[1])
 ring.while_full = lambda: True

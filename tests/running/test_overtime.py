@@ -6,7 +6,7 @@ from typing import Any, cast
 
 import pytest
 
-from hil.running.skeleton import HostTooSlow, Loop
+from hil.running.loop.skeleton import HostTooSlow, Loop
 from hil.wire.errors import ProtocolError
 
 

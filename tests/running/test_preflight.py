@@ -11,8 +11,8 @@ from hil.bench import Bench, override
 from hil.bench.plausible import FASTEST_HZ, LARGEST_V
 from hil.errors import InputError
 from hil.inputs.declared import board_dither_of, board_filter_of, drive_limit_of
-from hil.running import preflight
-from hil.running.preflight import (
+from hil.running.safety import preflight
+from hil.running.safety.preflight import (
     configure,
     require_clock,
     require_plausible,

@@ -16,8 +16,8 @@ from hil.records.atomic import make_run_folder, write_text
 from hil.records.blocks import read_blocks
 from hil.records.capture import board_layout, read_capture
 from hil.records.timing import read_timing, timing_layout
-from hil.running import recorder
-from hil.running.recorder import record_apart, record_here
+from hil.running.recording import recorder
+from hil.running.recording.recorder import record_apart, record_here
 
 ROOT = Path(__file__).parents[2]
 LAYOUTS = {
@@ -95,7 +95,7 @@ def test_a_body_that_raises_leaves_interrupted_files(tmp_path, start):
 LOOP = """
 import sys, time
 from pathlib import Path
-from hil.running.recorder import record_apart
+from hil.running.recording.recorder import record_apart
 from tests.running.test_recorder import LAYOUTS, fill
 with record_apart(Path(sys.argv[1]), LAYOUTS) as recording:
     fill(recording, 1500)

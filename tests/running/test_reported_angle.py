@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.bench import Bench
-from hil.running.angle import ReportedAngle
+from hil.running.recording.angle import ReportedAngle
 from hil.verdict.budget import budget
 from tests.running import gyro
 from tests.verdict.gyro_estimates import DXX, DXY, DYY, KXY, SETTLE_S, estimates

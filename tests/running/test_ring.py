@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hil.running.ring import Ring
+from hil.running.recording.ring import Ring
 
 ROOT = Path(__file__).parents[2]
 DTYPE = np.dtype([("tick", "<i8"), ("a", "<i4"), ("b", "<f8"), ("flag", "u1")])
@@ -100,7 +100,7 @@ def test_names_are_taken_once_and_go_with_unlink(ring, name):
 
 
 def test_a_file_that_is_no_ring_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("hil.running.ring._directory", lambda: tmp_path)
+    monkeypatch.setattr("hil.running.recording.ring._directory", lambda: tmp_path)
     (tmp_path / "gyrohil-other").write_bytes(b"x" * 8192)
     with pytest.raises(ValueError, match="not a ring"):
         Ring.attach("other")
@@ -108,7 +108,7 @@ def test_a_file_that_is_no_ring_is_refused(tmp_path, monkeypatch):
 
 PRODUCER = """
 import sys
-from hil.running.ring import Ring
+from hil.running.recording.ring import Ring
 from tests.running.test_ring import rows
 name, total, mode = sys.argv[1], int(sys.argv[2]), sys.argv[3]
 with Ring.attach(name) as ring:

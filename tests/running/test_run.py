@@ -15,9 +15,9 @@ from hil.progress import Progress
 from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
+from hil.running.process.start import worker_process
 from hil.running.request import RunRequest
 from hil.running.run import RunResult, run
-from hil.running.worker_process import worker_process
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError
 from hil.wire.messages import SafeReason
 from hil.wire.pty_link import open_pty

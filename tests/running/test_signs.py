@@ -10,11 +10,11 @@ import pytest
 from estimator.observer import Observer
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.records.runfolder import RunFolder
-from hil.running.opening import Opening, wrong_way
-from hil.running.preflight import configure
-from hil.running.recorder import record_here
+from hil.running.recording.recorder import record_here
 from hil.running.request import RunRequest
 from hil.running.run import run
+from hil.running.safety.opening import Opening, wrong_way
+from hil.running.safety.preflight import configure
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import Identity, SafeReason, State

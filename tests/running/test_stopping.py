@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import pytest
 
-from hil.running.stopping import Stopped, bring_to_safe
+from hil.running.safety.stopping import Stopped, bring_to_safe
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import Message, Safe, SafeReason
 from tests.running.on_a_pty import Far, connected, rows, status

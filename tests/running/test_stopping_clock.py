@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from hil.running import stopping
-from hil.running.stopping import Stopped, bring_to_safe
+from hil.running.safety import stopping
+from hil.running.safety.stopping import Stopped, bring_to_safe
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed
 from hil.wire.link import Link

@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.progress import Progress
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
-from hil.running import supervision
+from hil.running.process import supervision
 from hil.running.request import RunRequest
 from hil.running.run import run
 from hil.wire.codec import type_of

@@ -7,8 +7,8 @@ import pytest
 
 from hil.bench import load_bench
 from hil.bench.examples import find
-from hil.running import supervision
-from hil.running.worker import Order
+from hil.running.process import supervision
+from hil.running.process.worker import Order
 
 ARMED = """
 import sys

@@ -16,8 +16,8 @@ from hil.bench.examples import find
 from hil.errors import InputError
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
-from hil.running.trimming import _NEARER, nulling
-from hil.running.worker import Order, work
+from hil.running.loop.trimming import _NEARER, nulling
+from hil.running.process.worker import Order, work
 from hil.wire.messages import NackReason, RegisterValue
 from hil.wire.spec import SPEC
 
@@ -233,8 +233,9 @@ def test_an_electrode_that_never_settles_or_stiffens_ends_the_run(softening, tmp
 def test_a_board_that_keeps_a_voltage_in_safe_is_not_confirmed(tmp_path, monkeypatch):
     """STATUS says SAFE; the register does not."""
     monkeypatch.setattr(Registers, "zero_trims", lambda self: self._values.update(dict.fromkeys(self.trims, 5)))
-    monkeypatch.setattr("hil.running.worker.zeroed", None, raising=False)
-    monkeypatch.setattr("hil.running.trim_outputs.zeroed", lambda _, outputs, __: {o.register: 0.0 for o in outputs})
+    monkeypatch.setattr("hil.running.process.worker.zeroed", None, raising=False)
+    voltages = lambda _, outputs, __: {o.register: 0.0 for o in outputs}  # noqa: E731
+    monkeypatch.setattr("hil.running.safety.trim_outputs.zeroed", voltages)
     outcome, _ = run(tmp_path / "run", seconds=1.0)
     assert outcome["safety"]["confirmed"] is False
     assert "TRIM_0 is at code 5, its electrode is charged" in outcome["safety"]["words"]

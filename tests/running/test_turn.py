@@ -20,9 +20,10 @@ from device_emulator.scenario import load
 from device_emulator.section import ScenarioError
 from estimator.observer import Observer
 from hil.records.runfolder import RunFolder
-from hil.running import native, turn
+from hil.running import native
+from hil.running.loop import turn
+from hil.running.loop.skeleton import BeyondLimits
 from hil.running.native import Kind
-from hil.running.skeleton import BeyondLimits
 from hil.wire.errors import ProtocolError
 from hil.wire.inproc import InprocLink
 from hil.wire.messages import ClockMode, DriveForce
@@ -166,8 +167,8 @@ def test_what_python_raises_within_a_turn_is_raised_behind_it(tmp_path: Path) ->
 
 def test_a_full_ring_of_a_lockstep_run_is_waited_for(tmp_path: Path) -> None:
     """A ring smaller than what is written between two looks of the recorder."""
-    from hil.running.recorder import record_apart
-    from hil.running.tracks import run_layouts
+    from hil.running.recording.recorder import record_apart
+    from hil.running.recording.tracks import run_layouts
     from tests.running import closed
 
     def apart(folder: Path, layouts: Any) -> Any:
@@ -270,7 +271,7 @@ def test_a_signal_ends_a_wait_in_c_at_once(tmp_path: Path) -> None:
     program = """
 import os, signal, sys, threading, time
 from tests.running import gyro
-from hil.running import worker
+from hil.running.process import worker
 from hil.running.native import Why
 from hil.wire import client
 from hil.wire.endpoint import Endpoint

@@ -15,7 +15,7 @@ import hil
 from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.scenario import load
-from hil.running import turn
+from hil.running.loop import turn
 from hil.running.native import Kind
 from hil.wire.can_format import FDF, HEAD, RECORD_SIZE, CanFormat
 from hil.wire.can_link import CLASSIC_SIZE, CanLink

@@ -12,7 +12,7 @@ from hil.errors import InputError
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
-from hil.running.preflight import require_suitable
+from hil.running.safety.preflight import require_suitable
 from hil.toml.reading import toml_value
 from hil.tracing.request import request_of
 from hil.tracing.trace import trace

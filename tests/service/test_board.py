@@ -100,7 +100,7 @@ def keeper_of(service: Serving) -> int:
 def loop_of(service: Serving) -> int:
     tasks = Path(f"/proc/{keeper_of(service)}/task").iterdir()  # its parent is one thread of several
     born = [int(word) for task in tasks for word in (task / "children").read_text().split()]
-    return next(one for one in born if "hil.running.worker" in command_line(one))
+    return next(one for one in born if "hil.running.process.worker" in command_line(one))
 
 
 # -- lease ---------------------------------------------------------------------------------------------------------

@@ -315,7 +315,7 @@ def test_the_interface_for_people_is_made_from_what_there_is(service: Serving) -
 
 
 def test_an_orphaned_worker_says_nothing() -> None:
-    for module in ("hil.running.worker", "hil.running.recorder"):
+    for module in ("hil.running.process.worker", "hil.running.recording.recorder"):
         done = subprocess.run([sys.executable, "-m", module], stdin=subprocess.DEVNULL, capture_output=True, timeout=60)
         assert (done.returncode, done.stdout, done.stderr) == (130, b"", b"")
     assert hil

@@ -20,7 +20,7 @@ from hil.boards.emulation import emulator
 from hil.records.capture import read_capture
 from hil.records.frame import Frame
 from hil.records.layout import TICK, Column, Layout
-from hil.running.ring import Ring
+from hil.running.recording.ring import Ring
 from hil.service.telemetry.hub import Hub
 from hil.service.telemetry.views import AskSpectrum, History, Roll, SpectrumView, Tracks
 from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario

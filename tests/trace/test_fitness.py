@@ -8,7 +8,7 @@ import pytest
 from estimator.errors import ModelError
 from estimator.record import Record
 from estimator.settings import Device
-from estimator.trace.fitness import remarks, require_traceable
+from estimator.trace.traceable import remarks, require_traceable
 
 RATE, RESONANCE, VOLTS, NOISE = 4000.0, 200.0, 0.089, 9e-5
 DEVICE = Device(

@@ -9,7 +9,7 @@ import pytest
 from estimator.diagnosis import Verdict
 from estimator.trace import trace as room
 from estimator.trace.likelihood import Check
-from estimator.trace.result import Judged
+from estimator.trace.verdict import Judged
 
 GAINS = {"a": 900.0, "b": 50.0, "c": 400.0}
 

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.trace.fitness import moves_until
+from estimator.trace.traceable import moves_until
 
 RATE, HZ, NOISE = 4000.0, 200.0, 1e-4  # twenty samples a cycle
 TARGET = (2.0 * np.pi * HZ) ** 2

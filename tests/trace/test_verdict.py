@@ -6,7 +6,7 @@ import pytest
 
 from estimator.diagnosis import Verdict
 from estimator.trace.likelihood import Check
-from estimator.trace.result import verdict_of
+from estimator.trace.verdict import verdict_of
 
 OF_MODEL, OF_EFFECT = ("prior", "noise floor", "disturbance"), ("held out", "sign", "constancy")
 

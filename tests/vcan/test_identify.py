@@ -17,7 +17,7 @@ from hil.cli import execute
 from hil.cli import identify as _verb  # noqa: F401
 from hil.identifying import identify as identifying
 from hil.identifying import page
-from hil.running import supervision  # noqa: F401 - loaded, so that its process is a fork
+from hil.running.process import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.testing.board_rules.served import Board
 from hil.wire.messages import SafeReason, State
 from tests.cli.test_processes import children_of

@@ -20,7 +20,7 @@ import pytest
 from hil.cli import execute
 from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
-from hil.running import supervision  # noqa: F401 - loaded, so that its process is a fork
+from hil.running.process import supervision  # noqa: F401 - loaded, so that its process is a fork
 from hil.testing.board_rules.served import Board
 from hil.wire.spec import SPEC
 from tests.forked import Forked

@@ -8,7 +8,7 @@ from crc32c import crc32c
 
 from device_emulator.board import Board
 from device_emulator.device import Device
-from hil.running.optional import unknown_parts
+from hil.running.process.optional import unknown_parts
 from hil.wire import client, spec
 from hil.wire.codec import KNOWN_TYPES, pack, type_of
 from hil.wire.endpoint import Endpoint

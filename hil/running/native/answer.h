@@ -6,7 +6,7 @@
 #include "link.h"
 #include "track.h"
 
-#define RESIDUAL_SAMPLES 200.0 /* over which the residual is averaged: hil.running.skeleton has it too */
+#define RESIDUAL_SAMPLES 200.0 /* over which the residual is averaged: hil.running.loop.skeleton has it too */
 
 /* Judge the newest sample: stop the run when the residual, the innovation's mean square in units of the noise, leaves
    its bounds. */

@@ -1,4 +1,4 @@
-/* Whether the drives that SENSE shows in force mode are the ones that were sent: hil/running/force.py tells it in words. */
+/* Whether the drives that SENSE shows in force mode are the ones that were sent: hil/running/loop/force.py tells it in words. */
 
 #ifndef TURN_ECHO_H
 #define TURN_ECHO_H

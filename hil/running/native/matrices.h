@@ -1,4 +1,4 @@
-/* Which matrix a SENSE of gain mode may name: hil/running/gain.py tells it in words.
+/* Which matrix a SENSE of gain mode may name: hil/running/loop/gain.py tells it in words.
 
    The k-th matrix since the start, from 0, is called k % 255 + 1. */
 

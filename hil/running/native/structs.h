@@ -79,7 +79,7 @@ typedef struct {
     int64_t waits; /* 1: a full one is waited for (lockstep) */
 } track_t;
 
-/* Which drives were sent, and whether SENSE shows them: hil.running.force. */
+/* Which drives were sent, and whether SENSE shows them: hil.running.loop.force. */
 typedef struct {
     int64_t tick;
     int32_t u[2];
@@ -98,7 +98,7 @@ typedef struct {
 
 enum { ODD_NOTHING, ODD_HELD, ODD_UNSENT, ODD_OTHER };
 
-/* Which matrices were sent in gain mode, and whether SENSE may name one: hil.running.gain. */
+/* Which matrices were sent in gain mode, and whether SENSE may name one: hil.running.loop.gain. */
 typedef struct {
     int64_t block;
     int64_t *effective; /* first tick that each is meant for */

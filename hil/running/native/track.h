@@ -1,4 +1,4 @@
-/* A row into the record: into the ring in shared memory (hil/running/ring.py), or to where Python takes it over. */
+/* A row into the record: into the ring in shared memory (hil/running/recording/ring.py), or to where Python takes it over. */
 
 #ifndef TURN_TRACK_H
 #define TURN_TRACK_H

@@ -1,6 +1,6 @@
 /* The turn of the real-time loop: read, unframe, check, decode, step, judge, answer, and the row into the record.
 
-   It returns to Python for whatever is no sample, and when Python has asked for it (hil/running/force.py). */
+   It returns to Python for whatever is no sample, and when Python has asked for it (hil/running/loop/force.py). */
 
 #define _GNU_SOURCE /* ppoll */
 

@@ -21,9 +21,9 @@ from hil.errors import InputError
 from hil.errors.ending import line_of
 from hil.progress import Progress
 from hil.records.runfolder import RunFolder
-from hil.running.live_settings import in_force
+from hil.running.process.live_settings import in_force
 from hil.running.request import RunRequest
-from hil.running.safety import reason_name
+from hil.running.safety.stops import reason_name
 from hil.service.board.link_process import LinkProcess
 from hil.service.board.messages import NOBODY
 from hil.service.board.opening import PATIENCE_S, Opening

@@ -10,10 +10,10 @@ from typing import Any
 
 from hil.bench import Bench
 from hil.errors import InputError
-from hil.running.drives import Fact, digest, drives, in_one_line
-from hil.running.live_settings import Settings, at_once, with_settings
 from hil.running.options import RunOptions
+from hil.running.process.live_settings import Settings, at_once, with_settings
 from hil.running.request import RunRequest, request_of, require_consent
+from hil.running.safety.drives import Fact, digest, drives, in_one_line
 from hil.service.bench_files import found
 from hil.service.board.lease import Leases
 from hil.service.board.line import BoardLine
@@ -141,7 +141,7 @@ class BoardPart:
     def _require_suitable(self, bench: Bench) -> None:
         """Refuse a bench that the board that is connected cannot run, as far as it has said what it is."""
         if (said := self._told["identity"]) is not None:
-            from hil.running.preflight import require_suitable
+            from hil.running.safety.preflight import require_suitable
             from hil.wire.messages import Identity
 
             identity = Identity(**{name: said[name] for name in Identity._fields})

@@ -14,7 +14,7 @@ from hil.errors import InputError
 from hil.records.estimates import steady
 from hil.records.frame import Frame
 from hil.records.layout import Layout
-from hil.running.ring import Onlooker
+from hil.running.recording.ring import Onlooker
 from hil.service.series import shown
 
 Rows = npt.NDArray[np.void]

@@ -9,7 +9,7 @@ the answers is worked out after the run (`hil.records.clock`).
 import time
 from collections import deque
 
-from hil.running.recorder import Track
+from hil.running.recording.recorder import Track
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import TimeSync
 

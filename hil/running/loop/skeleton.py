@@ -17,14 +17,14 @@ from typing import Any, ClassVar, NamedTuple
 from estimator.observer import Observer
 from hil.bench import Bench
 from hil.numbers import count, counted, percent
-from hil.running.armed import ArmedBoard, Pause
+from hil.running.loop.target import TargetSteps
+from hil.running.loop.trimming import Trimming
 from hil.running.native import NONE, TurnState
-from hil.running.opening import Opening
-from hil.running.recorder import RecorderError, Track
-from hil.running.safety import Safety
-from hil.running.target import TargetSteps
-from hil.running.trim_outputs import Output
-from hil.running.trimming import Trimming
+from hil.running.recording.recorder import RecorderError, Track
+from hil.running.safety.armed import ArmedBoard, Pause
+from hil.running.safety.opening import Opening
+from hil.running.safety.stops import Safety
+from hil.running.safety.trim_outputs import Output
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError
 from hil.wire.messages import Identity, Message, SafeReason, Status

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from estimator.observer import Observer
 from estimator.trims import STIFFNESS
 from hil.bench import Bench
-from hil.running.recorder import Track
-from hil.running.trim_outputs import Output
+from hil.running.recording.recorder import Track
+from hil.running.safety.trim_outputs import Output
 from hil.wire import client
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint

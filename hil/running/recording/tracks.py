@@ -18,9 +18,9 @@ from hil.records.estimates import board_estimates_layout, covariance_layout, est
 from hil.records.layout import Layout
 from hil.records.timing import ledger_layout, timing_layout
 from hil.records.units import unit_of
-from hil.running.angle import ReportedAngle
-from hil.running.recorder import Track
-from hil.running.trim_outputs import Output
+from hil.running.recording.angle import ReportedAngle
+from hil.running.recording.recorder import Track
+from hil.running.safety.trim_outputs import Output
 from hil.wire.messages import Capabilities, EstimatedEntries, Identity
 
 COLUMNS = {

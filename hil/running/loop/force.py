@@ -22,9 +22,9 @@ from collections.abc import Sequence
 
 from estimator.observer import Observer
 from hil.plugins.plugged import Plugged
+from hil.running.loop.skeleton import Setup
+from hil.running.loop.turns import TurnLoop
 from hil.running.native import LIBRARY, NONE, EchoState, Mode
-from hil.running.skeleton import Setup
-from hil.running.turns import TurnLoop
 from hil.wire.messages import DriveForce, Message
 from hil.wire.sense import SenseRow
 

@@ -40,8 +40,8 @@ from hil.running.native import (
     Why,
     payload_sizes,
 )
-from hil.running.recorder import Track
-from hil.running.ring import Ring
+from hil.running.recording.recorder import Track
+from hil.running.recording.ring import Ring
 from hil.wire.can_format import CanFormat
 from hil.wire.codec import unpack
 from hil.wire.endpoint import Endpoint

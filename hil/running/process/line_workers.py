@@ -5,7 +5,7 @@ Linux passes what was written to a pty, or came from a serial adapter, on to its
 any other work the bytes wait for it.  At 4 kHz over a pty that made most of the late answers
 (docs/decisions/0006-loop-process.md).
 
-`python -m hil.running.line_workers`, as root, does it until it is ended: for loops of users who may not.
+`python -m hil.running.process.line_workers`, as root, does it until it is ended: for loops of users who may not.
 """
 
 import os
@@ -100,7 +100,7 @@ def main() -> None:
     """Until Ctrl-C or SIGTERM."""
     if not permitted():
         raise SystemExit(
-            "line workers: not permitted, or none to be seen here: sudo python -m hil.running.line_workers"
+            "line workers: not permitted, or none to be seen here: sudo python -m hil.running.process.line_workers"
         )
     ended = threading.Event()
 

@@ -11,10 +11,10 @@ import math
 from collections.abc import Iterator, Sequence
 
 from hil.bench import Bench
-from hil.running.gain import BlockLoop
+from hil.running.loop.gain import BlockLoop
+from hil.running.loop.skeleton import Setup
 from hil.running.native import Mode, PermitState
-from hil.running.recorder import Track
-from hil.running.skeleton import Setup
+from hil.running.recording.recorder import Track
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import DriveBoard, Estimate, EstimateFlags, Identity, Message
 from hil.wire.stream import unwrap

@@ -27,10 +27,10 @@ from estimator.core.library import LIBRARY as CORE
 from estimator.foresight import Foresight
 from estimator.gain_matrix import GainMatrix
 from hil.inputs.declared import board_dither_of, board_filter_of
+from hil.running.loop.skeleton import Setup
+from hil.running.loop.turn import address_of
+from hil.running.loop.turns import TurnLoop
 from hil.running.native import LIBRARY, MOST_ROWS, NONE, BlocksState, GainsState, MatricesState, Mode
-from hil.running.skeleton import Setup
-from hil.running.turn import address_of
-from hil.running.turns import TurnLoop
 from hil.wire.messages import DriveGains, SafeReason
 
 

@@ -1,4 +1,4 @@
-"""The loop's process, started: `hil.running.worker` in an interpreter of its own, which gets ready for its order.
+"""The loop's process, started: `worker` in an interpreter of its own, which gets ready for its order.
 
 Imports next to nothing: a caller that knows that it wants a run has the process load beside what it loads itself.
 """
@@ -29,7 +29,7 @@ def started_ahead() -> Iterator[None]:
 def worker_process(control: socket.socket | None = None) -> Iterator["subprocess.Popen[bytes]"]:
     """The loop's process: that takes as long to be ready as the board behind the link does.
 
-    `control`, which is closed here, is the loop's end of a line to a viewer (`hil.running.control`).  At the end of
+    `control`, which is closed here, is the loop's end of a line to a viewer (`process/control.py`).  At the end of
     the block one without an order is no more.
     """
     try:  # of several threads one takes it
@@ -48,7 +48,7 @@ def _started(control: socket.socket | None = None) -> "subprocess.Popen[bytes]":
     pipe = subprocess.PIPE
     # A session of its own: Ctrl-C at the terminal comes here, and the worker is told in its own way.
     return subprocess.Popen(
-        [sys.executable, "-m", "hil.running.worker"],
+        [sys.executable, "-m", "hil.running.process.worker"],
         stdin=pipe,
         stdout=pipe,
         start_new_session=True,

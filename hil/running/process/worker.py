@@ -1,6 +1,6 @@
 """The process the loop runs in: nothing else in its interpreter, told what to do once, reporting as it goes.
 
-Started by `hil.running.supervision` as `python -m hil.running.worker`.  It reads one JSON order from standard input and
+Started by `supervision` as `python -m hil.running.process.worker`.  It reads one JSON order from standard input and
 writes JSON lines to standard output: progress, `armed` before the first byte of ARM, `stopping` when the run ends
 early, `safety` when the board was told to be SAFE, and at the end either what happened or the error.  SIGTERM and
 SIGINT end the run well (SAFE, record closed); SIGHUP, which the kernel sends when the parent dies, ends it as fast and
@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Any, Self
 from hil.bench import Bench
 from hil.errors.ending import ExitCode, ending_of, line_of
 from hil.running import realtime
-from hil.running.control import LOOKS_PER_S, Control
-from hil.running.load import LoadMeter
-from hil.running.safety import reason_name
+from hil.running.process.control import LOOKS_PER_S, Control
+from hil.running.process.load import LoadMeter
+from hil.running.safety.stops import reason_name
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError
@@ -37,19 +37,19 @@ from hil.wire.messages import Identity, SafeReason, Status
 
 if TYPE_CHECKING:
     from estimator.observer import Observer
-    from hil.running.recorder import Recording, Track
-    from hil.running.skeleton import Loop
-    from hil.running.trim_outputs import Output
+    from hil.running.loop.skeleton import Loop
+    from hil.running.recording.recorder import Recording, Track
+    from hil.running.safety.trim_outputs import Output
 
 REPORTS = 200  # progress lines over a run in lockstep; else they come as the board is asked for its time
 _RING_ROWS = {"capture": 1 << 19, "innovation": 1 << 19}  # a second of the fastest stream
 _COVARIANCE_ROWS = {"covariance": 1 << 10}  # which are long, and few
 _NEEDED = (
-    "hil.running.preflight",
-    "hil.running.trim_outputs",
-    "hil.running.clock",
-    "hil.running.force",
-    "hil.running.gain",
+    "hil.running.safety.preflight",
+    "hil.running.safety.trim_outputs",
+    "hil.running.process.clock",
+    "hil.running.loop.force",
+    "hil.running.loop.gain",
 )  # by whatever it is told to do
 _NOTHING_WRITTEN: Mapping[str, float] = {}
 
@@ -105,8 +105,8 @@ def work(order: Order, tell: Say = tell, *, own_process: bool = True) -> dict[st
     with closing(connect(order, bench)) as link:
         endpoint = Endpoint(link)
         identity = client.connect(endpoint, bench.link.timeout_s)
-        from hil.running.preflight import configure, require_clock, require_suitable, require_undone
-        from hil.running.trim_outputs import require_outputs, zeroed
+        from hil.running.safety.preflight import configure, require_clock, require_suitable, require_undone
+        from hil.running.safety.trim_outputs import require_outputs, zeroed
 
         require_undone(bench)
         require_suitable(bench, identity, order.link)
@@ -154,9 +154,9 @@ def _loop(
     tell(stage="prepare", done=0, total=0, note="")
     from estimator.observer import Observer
     from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
-    from hil.running.optional import unknown_parts
-    from hil.running.recorder import record_apart, record_here
-    from hil.running.tracks import run_layouts
+    from hil.running.process.optional import unknown_parts
+    from hil.running.recording.recorder import record_apart, record_here
+    from hil.running.recording.tracks import run_layouts
 
     lockstep = bench.loop.clock == "lockstep"
 
@@ -283,7 +283,7 @@ class _Driven:
 
     def run(self, endpoint: Endpoint) -> None:
         """All of it. Raises WireError where the board could not be armed, InterruptedError without a parent."""
-        from hil.running.recorder import RecorderError
+        from hil.running.recording.recorder import RecorderError
 
         try:
             with self._recording:
@@ -293,7 +293,7 @@ class _Driven:
             self.stopped = self.stopped or str(error)
 
     def _armed(self, endpoint: Endpoint) -> None:
-        from hil.running.clock import EXCHANGES_PER_S, ClockExchanges
+        from hil.running.process.clock import EXCHANGES_PER_S, ClockExchanges
 
         loop, lockstep = self._loop, self._lockstep
         line = self._line
@@ -384,7 +384,7 @@ class _Line:
     """
 
     def __init__(self, control: Control, loop: "Loop", observer: "Observer", bench: Bench) -> None:
-        from hil.running.live_settings import LiveSettings
+        from hil.running.process.live_settings import LiveSettings
 
         self._control, self._loop = control, loop
         self._settings = LiveSettings(observer, bench)
@@ -419,10 +419,10 @@ def make_loop(
     outputs: "Sequence[Output]" = (),
 ) -> "Loop":
     """The loop of the bench's mode, with a board that is configured for it by `registers` and has trim `outputs`."""
-    from hil.running.board import BoardLoop
-    from hil.running.force import ForceLoop
-    from hil.running.gain import GainLoop
-    from hil.running.skeleton import Setup
+    from hil.running.loop.board import BoardLoop
+    from hil.running.loop.force import ForceLoop
+    from hil.running.loop.gain import GainLoop
+    from hil.running.loop.skeleton import Setup
 
     kinds: dict[str, type[ForceLoop | GainLoop | BoardLoop]]
     kinds = {"force": ForceLoop, "gain": GainLoop, "board": BoardLoop}

@@ -30,7 +30,7 @@ from hil.records.layout import Layout
 from hil.records.pyramid import KINDS, Pyramid
 from hil.records.stream import BlockWriter
 from hil.running import realtime
-from hil.running.ring import Ring
+from hil.running.recording.ring import Ring
 
 _DRAIN_EVERY_S = 0.02
 _RING_ROWS = 1 << 16
@@ -141,7 +141,7 @@ def record_apart(
 
     Call it before the loop asks for real-time scheduling: the child is to run as an ordinary process. With
     `wait` (lockstep) a full ring holds the loop up instead of dropping rows. `shown` is given a descriptor of each
-    ring, by stem, to be read only (`hil.running.ring.Onlooker`), which is closed when it returns. Leaving the recording
+    ring, by stem, to be read only (`ring.Onlooker`), which is closed when it returns. Leaving the recording
     waits until the files are closed. Raises RecorderError when the child did not manage that, or could not begin.
     """
     names = {stem: f"{os.getpid()}-{time.monotonic_ns()}-{stem}" for stem in layouts}
@@ -292,7 +292,7 @@ def _end(child: subprocess.Popen[bytes]) -> bytes:
 
 
 def _start_child(folder: Path, layouts: Mapping[str, Layout], names: Mapping[str, str]) -> subprocess.Popen[bytes]:
-    command = [sys.executable, "-m", "hil.running.recorder"]
+    command = [sys.executable, "-m", "hil.running.recording.recorder"]
     pipe = subprocess.PIPE
     # Who reads our line up to its end, after we were killed, has thereby waited for the files as well.
     output = os.dup(realtime.line())

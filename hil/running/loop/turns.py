@@ -1,5 +1,5 @@
-"""A loop whose turn is one call into C (`hil.running.turn`), and what Python sees to in between: gaps, the closing of
-the loop, steps of the target, the first rows, what is recorded more seldom.
+"""A loop whose turn is one call into C (`hil.running.loop.turn`), and what Python sees to in between: gaps, the closing
+of the loop, steps of the target, the first rows, what is recorded more seldom.
 """
 
 from abc import abstractmethod
@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from estimator.observer import Estimates
 from hil.bench import Bench
 from hil.inputs.declared import drive_limit_of
-from hil.running.angle import ReportedAngle
+from hil.running.loop.skeleton import BeyondLimits, Loop, Setup
+from hil.running.loop.turn import SEEN, Turn
 from hil.running.native import ALWAYS, NONE, BlocksState, Mode, Why
-from hil.running.skeleton import BeyondLimits, Loop, Setup
-from hil.running.tracks import estimate_rows, put_covariance, run_layouts
-from hil.running.turn import SEEN, Turn
+from hil.running.recording.angle import ReportedAngle
+from hil.running.recording.tracks import estimate_rows, put_covariance, run_layouts
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import Identity, Message
 from hil.wire.sense import SenseRow

@@ -2,7 +2,7 @@
 
 `require_plausible` looks at IDENTITY alone, `require_suitable` at it beside the bench file, `configure` writes the
 registers and reads them back, `require_clock` asks the board for its time.  What only samples tell is in
-`hil.running.opening`.
+`hil.running.safety.opening`.
 """
 
 import math
@@ -17,7 +17,7 @@ from hil.bench.angle_map import read_angle_map
 from hil.bench.plausible import FASTEST_HZ, LARGEST_V
 from hil.errors import InputError
 from hil.inputs.declared import board_dither_of, board_filter_of, drive_limit_of, require_agreement
-from hil.running.asked_again import differs
+from hil.running.safety.asked_again import differs
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError

@@ -1,0 +1,1 @@
+"""The loop's iteration in each mode: samples in, drives out, limits, gaps, trim electrodes."""
