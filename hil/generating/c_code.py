@@ -1,6 +1,7 @@
 """From a bench file to a folder of C for a board."""
 
 import hashlib
+import math
 import os
 import platform
 import shutil
@@ -59,9 +60,10 @@ def sizes(folder: Path) -> Sizes | None:
 
 @dataclass(frozen=True)
 class Golden:
-    """What was sensed and applied (n, 2), what the bench's observer answered (n, 2), in codes; its angle (n,) in rad;
-    its state and deviations after the last sample, SI, deviations of what is declared below 0; and samples without
-    drive at the start.
+    """What was sensed and applied (n + 1, 2), what the bench's observer answered (n + 1, 2), in codes; its angle (n,)
+    in rad; its state and deviations after sample n, SI, deviations of what is declared below 0; and samples without
+    drive at the start.  The last row is a sample far outside the range, which the drive answers at its limit, of
+    either sign.
     """
 
     sense: NDArray[np.int32]
@@ -79,7 +81,7 @@ def golden(observer: Observer, samples: int, quiet: int) -> Golden:
     The device has none of the effects: its signal is what the vectors are made from, not what they test.
     """
     loop = DeclaredLoop(observer)
-    sense, applied, drive = (np.zeros((samples, 2), np.int32) for _ in range(3))
+    sense, applied, drive = (np.zeros((samples + 1, 2), np.int32) for _ in range(3))
     angle = np.zeros(samples)
     for m in range(samples):
         sense[m], applied[m] = loop.sample()
@@ -90,12 +92,32 @@ def golden(observer: Observer, samples: int, quiet: int) -> Golden:
     state, deviation = observer.reading()
     told = np.full(len(state), -1.0)
     told[observer.estimated_index] = np.array(deviation)[observer.estimated_index]
+    sense[-1], applied[-1] = _FAR, loop.sample()[1]
+    drive[-1] = observer.tick(*map(float, sense[-1]), *map(float, applied[-1]))
     return Golden(sense, applied, drive, angle, np.array(state), told, quiet)
+
+
+def rounding(observer: Observer, vectors: Golden, swing_mps2: float) -> int:
+    """By how many codes in all the drive may differ in 32 bits: what rounding state and covariances to them after each
+    sample makes of the answers in double, and the roundings of the control law itself, independent ones of terms as
+    large as what pulls the swing back, swing_mps2.
+    """
+    arrays, apart = observer.arrays, 0
+    for m, (sensed, applied, drive) in enumerate(zip(vectors.sense[:-1], vectors.applied, vectors.drive, strict=False)):
+        observer.enable_control(m >= vectors.quiet)
+        apart += int(np.abs(observer.tick(*map(float, sensed), *map(float, applied)) - drive).sum())
+        for array in (arrays.x, arrays.p, arrays.c):
+            array[:] = array.astype(np.float32)
+    each = math.sqrt(_LAW_ROUNDINGS) * 2.0**-24 * swing_mps2 / observer.drive_quantum
+    return apart + math.ceil(each * 2 * (len(vectors.angle) - vectors.quiet))
 
 
 _SAMPLES = 2000
 _QUIET = 200
 _SETTLED = 600
+_FAR = (1 << 20, 1 << 20)
+_LAW_ROUNDINGS = 18
+"""Nine terms of the control law on an axis, each a product and a sum."""
 _TOLERANCES = {False: (0, 1e-9, 1e-6), True: (_SETTLED, 1e-4, 1.0)}
 """By float32: the sample from which the angle counts, and tolerances of the angle in rad and of each state in its
 deviations, from what the bench computed in double.
@@ -157,7 +179,10 @@ def generate(
         "QUADRATURE": decimal(bench.limits.quadrature),
     }
     texts = files_of(made(), facts, place, float32=float32)
-    texts["golden.h"] = _golden_text(golden(made(), _SAMPLES, _QUIET), *_TOLERANCES[float32])
+    vectors = golden(made(), _SAMPLES, _QUIET)
+    swing_mps2 = bench.target_stiffness_per_s2 * bench.device.amplitude_m
+    codes = rounding(made(), vectors, swing_mps2) if float32 else 0
+    texts["golden.h"] = _golden_text(vectors, codes, *_TOLERANCES[float32])
     for name in ("test_golden.c", "Makefile", "gyro_plugin.c"):
         texts[name] = filled(name, {})
     texts[HEADER.name] = HEADER.read_text("ascii")
@@ -175,16 +200,16 @@ def generate(
     return Generated(folder, (*texts, "README.txt", *packed), taken)
 
 
-def _golden_text(vectors: Golden, settled: int, angle_rad: float, state: float) -> str:
+def _golden_text(vectors: Golden, codes: int, settled: int, angle_rad: float, state: float) -> str:
     """golden.h."""
     n = len(vectors.angle)
     heads = {
-        "GOLDEN_VERSION": f"{INTERFACE}u", "GOLDEN_SAMPLES": n, "GOLDEN_QUIET": vectors.quiet,
+        "GOLDEN_VERSION": f"{INTERFACE}u", "GOLDEN_SAMPLES": n, "GOLDEN_QUIET": vectors.quiet, "GOLDEN_CODES": codes,
         "GOLDEN_SETTLED": settled, "GOLDEN_ANGLE_RAD": decimal(angle_rad), "GOLDEN_STATE": decimal(state),
     }  # fmt: skip
     lines = [f"#define {name} {value}" for name, value in heads.items()]
     for name in ("sense", "applied", "drive"):
-        lines.append(f"static const int32_t golden_{name}[{n}][2] = {{")
+        lines.append(f"static const int32_t golden_{name}[{n + 1}][2] = {{")
         lines += ["    " + ", ".join(f"{{{x}, {y}}}" for x, y in part) + "," for part in _parts(getattr(vectors, name))]
         lines.append("};")
     for name in ("angle", "state", "deviation"):

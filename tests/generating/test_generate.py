@@ -79,6 +79,31 @@ def test_the_golden_test_passes_optimised_and_under_sanitizers(name: str, float3
             assert "drive codes that differ: 0," in done.stdout
 
 
+MUTANTS = {
+    "sign": ("drive_codes[i] = (int32_t)codes[i];", "drive_codes[i] = -(int32_t)codes[i];"),
+    "quantiser": ("RINT(value / settings->quantum)", "FLOOR(value / settings->quantum)"),
+    "lower limit": ("within(value, -settings->force_limit, settings->force_limit)",
+                    "within(value, R(-0.5) * settings->force_limit, R(0.5) * settings->force_limit)"),
+    "no limit": ("within(value, -settings->force_limit, settings->force_limit)", "value"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("float32", [False, True])
+@pytest.mark.slow
+def test_the_golden_test_fails_where_the_drive_codes_are_wrong(float32: bool, tmp_path: Path) -> None:
+    hil.generate("s-slow", out=tmp_path, float32=float32)
+    source = tmp_path / "gyro_estimator.c"
+    right = source.read_text()
+    assert compiled(tmp_path, "-O0").stdout.endswith("PASS\n")
+    for name, (text, instead) in MUTANTS.items():
+        assert right.count(text) == 1, name
+        rounds = "floorf" if float32 else "floor"
+        source.write_text(right.replace(text, instead.replace("FLOOR", rounds)))
+        done = compiled(tmp_path, "-O0")
+        assert done.stdout.endswith("FAIL\n"), (name, done.stdout)
+        assert done.returncode == 1, name
+
+
 @pytest.mark.slow
 def test_double_is_the_bench_to_the_last_bit(tmp_path: Path) -> None:
     bench = load_bench(EXAMPLES / "s-slow.bench.toml")
