@@ -36,10 +36,13 @@ def driven(
     truth: Mapping[str, Any] = _NONE,
     loops: Mapping[str, Any] = _NONE,
     rate_rad_s: float = RATE_RAD_S,
+    rate: Mapping[str, Any] | None = None,
 ) -> Driven:
     """S-slow from rest, its stiffness and damping declared as they are, where `truth` does not say otherwise."""
     real = {key: list(value) for key, value in device.items()} | {"position_m": [0.0, 0.0]} | dict(truth)
-    scenario = gyro.scenario(place / "board.toml", truth=real, rate={"kind": "constant", "rate_rad_s": rate_rad_s})
+    scenario = gyro.scenario(
+        place / "board.toml", truth=real, rate=dict(rate or {"kind": "constant", "rate_rad_s": rate_rad_s})
+    )
     return drive_directly(declared(mode, device, loops), scenario, duration_s)
 
 
@@ -75,6 +78,18 @@ def test_exchanging_the_axes_takes_that_bias_off(tmp_path: Path) -> None:
     found = driven(tmp_path, "mode_reversal", 45.0, SPLIT, loops={"exchange_s": 8.0})
     assert np.mean(found.rate[20000:36000]) == pytest.approx(RATE_RAD_S + 0.0314, abs=1e-3)
     assert np.mean(found.rate[-32000:]) == pytest.approx(RATE_RAD_S, abs=1e-3)
+
+
+def test_a_rate_that_changes_while_it_is_held_is_in_the_uncertainty(tmp_path: Path) -> None:
+    """A step of 0.5 rad/s at 10 s, in the exchange that begins at the eighth second of running."""
+    found = driven(
+        tmp_path, "mode_reversal", 16.0, ROUND, loops={"exchange_s": 8.0},
+        rate={"kind": "steps", "times_s": [0.0, 10.0], "rates_rad_s": [0.5, 1.0]},
+    )  # fmt: skip
+    turned = found.angle[64000 - 1] - found.angle[24000]
+    error = turned - (0.5 * 4.0 + 1.0 * 6.0)
+    assert abs(error) > 0.1  # it is missed
+    assert abs(error) < 2.0 * found.angle_u[64000 - 1] < 10.0 * abs(error)
 
 
 @pytest.mark.long

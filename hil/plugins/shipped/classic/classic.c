@@ -18,6 +18,9 @@ typedef struct {
     double running_s, angle, imposed, first_theta, rate;
     double zero_s; /* of running_s, where the angle is zero */
     double recent; /* rate, over some time constants of its loop */
+    double hold_s, missed2, change2; /* length of the present hold of the rate; of past ones: rad2 that they may have
+                                        missed since the zero, and squared changes of the rate */
+    int64_t holds;
     double bias_sd;                /* rad/s, that the declared damping can cause */
     double windows[3], sum, walk2; /* of the quadrature's rate; rad2/s */
     int64_t samples, whole, walks;
@@ -107,6 +110,21 @@ static void watch_noise(classic *own)
         own->walk2 += (bend * bend / 6.0 * width_s - own->walk2) / (double)(own->walks - 3);
 }
 
+/* What a hold of the rate may miss: anything from nothing to the rate's change over it for as long as it lasted, as the
+   change may have come at its end or at its beginning; rms over that, a third of the square. */
+static void watch_hold(classic *own, double now, bool read)
+{
+    if (!read) {
+        own->hold_s += own->loops.step_s;
+    } else if (own->hold_s > 0.0) {
+        double change = now - own->recent;
+        own->missed2 += change * change * own->hold_s * own->hold_s / 3.0;
+        own->change2 += change * change;
+        own->holds++;
+        own->hold_s = 0.0;
+    }
+}
+
 /* Rate and angle of this sample, while it runs. */
 static void read_out(classic *own, double imposed)
 {
@@ -123,6 +141,7 @@ static void read_out(classic *own, double imposed)
         double bias = own->exchange.bias * cos(2.0 * in->frame);
         double now = (in->force_rate - bias) / gain;
         bool read = (int)in->given.mode != MODE_REVERSAL || own->exchange.settled;
+        watch_hold(own, now, read);
         if (read)
             own->recent += (now - own->recent) * fmin(0.1 * in->rate.gain * in->step_s, 1.0);
         own->rate = read ? now : own->recent;
@@ -145,12 +164,14 @@ static void tell(const classic *own, gyro_plugin_estimate *estimate)
     }
     double sd = sqrt(2.0 * in->share * in->noise_V2) / fabs(in->device.sense_gain_V_per_m[0]) / a;
     double counted_s = own->running_s - own->zero_s;
+    double missed2 = own->missed2 + own->change2 / fmax((double)own->holds, 1.0) * own->hold_s * own->hold_s / 3.0;
     double held_s = own->exchange.exchanges > 2 ? fmin(counted_s, in->given.exchange_s) : counted_s;
     all += creal(in->across) * creal(in->across) + cimag(in->across) * cimag(in->across);
     estimate->state[GYRO_PLUGIN_RATE] = own->rate;
     estimate->deviation[GYRO_PLUGIN_RATE] = hypot(sd * in->rate.gain, own->bias_sd);
     estimate->angle_rad = own->angle;
-    estimate->angle_u_rad = sqrt(sd * sd + own->walk2 * counted_s + own->bias_sd * own->bias_sd * held_s * held_s);
+    estimate->angle_u_rad =
+        sqrt(sd * sd + own->walk2 * counted_s + missed2 + own->bias_sd * own->bias_sd * held_s * held_s);
     estimate->energy_ratio = all / (set * set);
     estimate->quadrature_ratio = 2.0 * creal(in->along) * cimag(in->across) / fmax(all, 1e-6 * set * set);
     const spring_fit *springs = &own->springs;
@@ -177,8 +198,10 @@ void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_
     classic *own = instance;
     loops *in = &own->loops;
     sense(in, sample, estimate);
-    if ((double)sample->number * in->step_s < in->given.settle_s)
+    if ((double)sample->number * in->step_s < in->given.settle_s) {
         own->zero_s = own->running_s;
+        own->missed2 = 0.0;
+    }
     if (own->start.phase > SEARCH)
         lock_phase(in, 0.05);
     if (own->start.phase == RUN) {
