@@ -5,11 +5,15 @@ from collections.abc import Iterator
 import numpy as np
 import numpy.typing as npt
 
+from hil.numbers import significant
 from hil.records.estimates import Covariance, Estimates
 from hil.records.result import Nees
 from hil.records.truth import Truth
 
 Floats = npt.NDArray[np.float64]
+
+NAMED = "NEES per entry is"
+"""How its remark begins."""
 
 
 def nees(covariance: Covariance, estimates: Estimates, truth: Truth, settle_s: float) -> Nees | None:
@@ -45,6 +49,18 @@ def nees(covariance: Covariance, estimates: Estimates, truth: Truth, settle_s: f
         independent=independent,
         band=band(len(names) * independent),
     )
+
+
+def outside(found: Nees) -> list[str]:
+    """A remark where the mean lies outside its band."""
+    low, high = found.band
+    if low <= found.mean <= high:
+        return []
+    size = "large" if found.mean < low else "small"
+    return [
+        f"{NAMED} {significant(found.mean)}, outside its 95 % band {low:.2f} to {high:.2f}: the standard deviations of "
+        f"the states are too {size}"
+    ]
 
 
 def _stretches(

@@ -21,7 +21,7 @@ from hil.records.runfolder import RunFolder
 from hil.records.summary import on_board, parameters, reporting_mass_kg, summarise
 from hil.records.table import Table
 from hil.records.truth import Truth, read_truth
-from hil.scoring.nees import nees
+from hil.scoring.nees import NAMED, nees, outside
 from hil.verdict import judge_again
 
 Floats = npt.NDArray[np.float64]
@@ -75,6 +75,7 @@ def score(run: Path, truth_file: Path) -> Result:
         )
     covariance = folder.covariance
     honesty = None if covariance is None else nees(covariance, folder.estimates, truth, folder.scored_from_s)
+    remarks += [] if honesty is None else outside(honesty)
     figures = found.figures()
     told = _with_deviation(figures.coverage, folder.estimates)
     figures = figures.model_copy(update={"nees": honesty, "coverage": told})
@@ -82,7 +83,7 @@ def score(run: Path, truth_file: Path) -> Result:
         figures = figures.model_copy(update={"angle_error_end_rad": None})
     mass_kg = reporting_mass_kg(folder)
     effects = folder.bench.get("effects", {}).keys()
-    stale = (_CUT, "the record was interrupted")  # of another truth, of records that are whole again
+    stale = (_CUT, "the record was interrupted", NAMED)  # of another truth, of records that are whole again
     kept = (one for one in before.remarks if one not in remarks and not any(words in one for words in stale))
     result = before.model_copy(
         update={

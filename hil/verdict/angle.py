@@ -60,10 +60,9 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
             )
     expanded = result.angle_expanded_rad
     error = None if result.score is None else result.score.angle_error_end_rad
-    if expanded is not None and error is not None and error > _BEYOND * expanded:
+    if expanded is not None and (contradicted := _contradicted(result, scored, expanded)):
         reasons.append(
-            f"the truth contradicts the angle: at the end it is off by {_angle(error)}, "
-            f"and uncertain by {_angle(expanded)} (k = 2)"
+            f"the truth contradicts the angle: {contradicted}, and uncertain by {_angle(expanded)} (k = 2) at the end"
         )
     if expanded is not None and expanded > limits.angle_rad:
         largest = result.uncertainty[0]
@@ -81,6 +80,29 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
         assert expanded is not None
         return part.model_copy(update={"reason": f"uncertain by {_angle(expanded)} (k = 2) at the end"})
     return part.model_copy(update={"next": after})
+
+
+def _contradicted(result: Result, scored: Estimates, expanded_rad: float) -> str:
+    """By how much the angle is off where the truth says that it is off by more than its uncertainty: rms since its
+    zero, or at the end, which is one instant of many; "" where it is not.
+    """
+    if result.score is None:
+        return ""
+    rms, last = result.angle_error_rms_rad, result.score.angle_error_end_rad
+    if rms is not None and rms > _expanded_rms(scored, expanded_rad):
+        return f"it is off by {_angle(rms)} rms"
+    return f"at the end it is off by {_angle(last)}" if last is not None and last > _BEYOND * expanded_rad else ""
+
+
+def _expanded_rms(scored: Estimates, expanded_rad: float) -> float:
+    """Expanded uncertainty over the scored window [rad], rms: that of the end, or more where the angle was less certain
+    before it, as a reversal makes it.
+    """
+    last = scored.part(len(scored) - 1, len(scored))
+    if "angle_u_rad" not in scored or not last["angle_u_rad"][0] > 0.0:
+        return expanded_rad
+    mean = sum(float(np.sum(piece["angle_u_rad"] ** 2)) for piece in scored.pieces()) / len(scored)
+    return expanded_rad * float(np.fmax(math.sqrt(mean) / last["angle_u_rad"][0], 1.0))
 
 
 def _untold(scored: Estimates) -> bool:
@@ -162,6 +184,11 @@ def _estimation(row: Contribution, bench: Bench) -> Remedy:
         if turned > math.sqrt(0.5) * row.contribution_rad:  # most of the variance
             return Remedy(
                 'set [controller] mode = "whole_angle", which estimates the damping, and run again',
+                {"controller": {"mode": "whole_angle"}},
+            )
+        if bench.controller.mode == "mode_reversal":
+            return Remedy(
+                'set [controller] mode = "whole_angle", which never holds the rate, and run again',
                 {"controller": {"mode": "whole_angle"}},
             )
     walk = bench.observer.process_noise.rate_rad_s_per_rts

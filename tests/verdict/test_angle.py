@@ -30,6 +30,7 @@ def judged(
     u: float | None = 0.09,
     capture: Capture | None = None,
     score: Score | None = None,
+    rms: float | None = None,
     controlled: bool = True,
     **limits: float,
 ) -> Part:
@@ -37,7 +38,14 @@ def judged(
     vars(folder).update(estimates=found, capture=capture)
     rows = () if u is None else (LARGEST,)
     result = Result(
-        run="r", seconds=10.0, samples=101, complete=True, angle_expanded_rad=u, uncertainty=rows, score=score
+        run="r",
+        seconds=10.0,
+        samples=101,
+        complete=True,
+        angle_expanded_rad=u,
+        uncertainty=rows,
+        score=score,
+        angle_error_rms_rad=rms,
     )
     return judge_angle(folder, result, bench(controlled=controlled, **limits))
 
@@ -62,6 +70,25 @@ def test_a_truth_that_contradicts_the_angle_fails_it(off: float | None, outcome:
     part = judged(estimates(), 0.0100, score=score)
     assert part.outcome == outcome
     assert ("the truth contradicts the angle: at the end it is off by 21\u00a0mrad" in part.reason) == (off == 0.021)
+
+
+@pytest.mark.parametrize(("rms", "outcome"), [(0.0099, "good"), (0.0101, "failed")])
+def test_an_error_above_the_uncertainty_rms_fails_it(rms: float, outcome: str) -> None:
+    score = Score(window_s=(4.0, 10.0), rows=61, turns=1.0, angle_error_end_rad=0.001)
+    part = judged(estimates(), 0.0100, score=score, rms=rms)
+    assert part.outcome == outcome
+    assert ("it is off by 10\u00a0mrad rms, and uncertain by 10\u00a0mrad (k = 2) at the end" in part.reason) == (
+        outcome == "failed"
+    )
+
+
+def test_an_error_that_a_reversal_takes_back_is_held_against_the_uncertainty_of_its_time() -> None:
+    """1 mrad at the end and 3 mrad before it: U of 10 mrad at the end is 30 mrad there."""
+    course = np.full(101, 3e-3)
+    course[-1] = 1e-3
+    score = Score(window_s=(4.0, 10.0), rows=61, turns=1.0, angle_error_end_rad=0.001)
+    outcomes = [judged(estimates(angle_u_rad=course), 0.0100, score=score, rms=rms).outcome for rms in (0.029, 0.031)]
+    assert outcomes == ["good", "failed"]
 
 
 @pytest.mark.parametrize("u", [0.101, 3.0])
