@@ -2,14 +2,18 @@
 Data, 4th ed., table 9.6)."""
 
 import numpy as np
+import numpy.typing as npt
 
 from estimator.chance import TWO_SIDED
 from estimator.characteristics.regression import Estimate, Floats
 
 _COHERENT = 0.6
 _SEGMENTS, _SEGMENT = 16, 16
+_ROUNDS = 9  # of moving the reference; two or three are enough where a window is longer than the delay
 LEAST = _SEGMENT * (_SEGMENTS + 1) // 2
 """Samples of which there is a response, at least."""
+_REPEATED = 35.0 / 18.0
+"""Variance of a mean over frequencies, over that of independent ones: behind a Hann window neighbours correlate."""
 _DOWN = 10.0 ** (-3.0 / 20.0)
 
 
@@ -17,12 +21,35 @@ def response(rate: Floats, reference: Floats, sample_rate_Hz: float) -> dict[str
     """`bandwidth` and `delay` of `rate` (n,) behind `reference` (n,), uniform samples without a gap.
 
     Only frequencies at which both move together count; without any there is nothing, and without the −3 dB point among
-    them no bandwidth.
+    them no bandwidth. The delay is that of the lowest frequencies. Windows of a late output show less than its delay,
+    so the reference is moved by what was found until nothing is left (Bendat & Piersol, section 9.1.2).
     """
+    if rate.size < LEAST or (both := _together(rate, reference, sample_rate_Hz)) is None:
+        return {}
+    t_s = np.arange(rate.size) / sample_rate_Hz
+    at, gain, _, off = both
+    delay, half = _delay(*both)
+    left = delay
+    for _ in range(_ROUNDS):
+        if abs(left) < 0.1 * half:
+            break
+        if (both := _together(rate, np.interp(t_s - delay, t_s, reference), sample_rate_Hz)) is None:
+            return {}
+        left, half = _delay(*both)
+        delay += left
+    found = {"delay": Estimate.about(delay, half)}
+    start = float(np.median(gain[: max(2, np.count_nonzero(_low(at)) // 2)]))
+    crossing = [_crossing(at, gain * (1.0 + sign * TWO_SIDED * off) / start) for sign in (-1.0, 0.0, 1.0)]
+    least, value, most = crossing
+    if value is not None:
+        found["bandwidth"] = Estimate(value, least or value, most or float(at[-1]))
+    return found
+
+
+def _together(rate: Floats, reference: Floats, sample_rate_Hz: float) -> tuple[Floats, Floats, Floats, Floats] | None:
+    """Where both move together, (k,) each: frequency, gain, phase, standard deviation of the phase; None of nothing."""
     from scipy.signal import coherence, csd, welch
 
-    if rate.size < LEAST:
-        return {}
     size = 2 ** int(np.log2(2 * rate.size // (_SEGMENTS + 1)))
     given = {"fs": sample_rate_Hz, "nperseg": size, "detrend": "linear"}
     f, across = csd(reference, rate, **given)
@@ -31,22 +58,28 @@ def response(rate: Floats, reference: Floats, sample_rate_Hz: float) -> dict[str
     averages = (2 * rate.size // size - 1) * 0.75  # half overlapping Hann windows
     told = (together > _COHERENT) & (f > 0.0) & (power > 1e-6 * power.max())
     if np.count_nonzero(told) < 2:
-        return {}
-    gain = np.abs(across[told]) / power[told]
-    phase = np.unwrap(np.angle(across[told]))
+        return None
     off = np.sqrt((1.0 - together[told]) / (2.0 * together[told] * averages))
-    found = {}
-    at = f[told]
-    low = at <= max(at[0] * 3.0, at[-1] / 10.0)
-    weight = (2.0 * np.pi * at[low] / np.maximum(off[low], 1e-9)) ** 2
-    delay = float(-np.sum(weight * phase[low] / (2.0 * np.pi * at[low])) / weight.sum())
-    found["delay"] = Estimate.about(delay, TWO_SIDED / float(np.sqrt(weight.sum())))
-    start = float(np.median(gain[: max(2, low.sum() // 2)]))
-    crossing = [_crossing(at, gain * (1.0 + sign * TWO_SIDED * off) / start) for sign in (-1.0, 0.0, 1.0)]
-    least, value, most = crossing
-    if value is not None:
-        found["bandwidth"] = Estimate(value, least or value, most or float(at[-1]))
-    return found
+    return f[told], np.abs(across[told]) / power[told], np.unwrap(np.angle(across[told])), off
+
+
+def _low(at: Floats) -> npt.NDArray[np.bool_]:
+    return np.asarray(at <= max(at[0] * 3.0, at[-1] / 10.0))
+
+
+def _delay(at: Floats, gain: Floats, phase: Floats, off: Floats) -> tuple[float, float]:
+    """Delay at the frequency 0, and half its interval: the phase of the low ones is −τ ω + c ω³ + …, in as many terms
+    as leave no more than noise."""
+    low = _low(at)
+    omega, sd = 2.0 * np.pi * at[low], np.maximum(off[low], 1e-9)
+    seen = phase[low] / sd
+    for terms in range(2, omega.size + 1):
+        columns = np.column_stack([omega ** (2 * k + 1) for k in range(terms)]) / sd[:, None]
+        scale = np.linalg.norm(columns, axis=0)
+        inverse = np.linalg.pinv(columns / scale) / scale[:, None]
+        if float(np.sum((seen - columns @ inverse @ seen) ** 2)) <= _REPEATED * (omega.size - terms):
+            break
+    return -float(inverse[0] @ seen), TWO_SIDED * float(np.sqrt(_REPEATED) * np.linalg.norm(inverse[0]))
 
 
 def _crossing(f: Floats, gain: Floats) -> float | None:

@@ -135,6 +135,21 @@ def test_bandwidth_and_delay_of_a_low_pass():
     assert response(white(4000, 1.0, 6), white(4000, 1.0, 7), RATE_HZ) == {}
 
 
+@pytest.mark.parametrize("late_s", [0.01, 0.05])
+def test_delay_of_a_table_that_ramps_between_its_rates(late_s):
+    """Ramps of 2 s: next to nothing moves faster than a window of the spectrum resolves. The delay is that of the
+    simulation itself, behind one pole at 20 Hz, whose own is 1/(2π 20 Hz)."""
+    n, rates = 60_000, np.tile([-1.5, -0.5, 0.0, 0.5, 1.5], 3)
+    hann = np.hanning(200) / np.hanning(200).sum()
+    turned = np.convolve(np.pad(np.repeat(rates, n // 15), 200, "edge"), hann, "same")[200:-200]
+    keep = np.exp(-2 * np.pi * 20.0 / RATE_HZ)
+    late = turned[np.maximum(np.arange(n) - round(late_s * RATE_HZ), 0)]
+    output, _ = lfilter([1.0 - keep], [1.0, -keep], late, zi=[keep * late[0]])
+    truth = late_s + keep / (1.0 - keep) / RATE_HZ
+    held = [holds(response(output + white(n, 1e-3, seed), turned, RATE_HZ)["delay"], truth) for seed in range(20)]
+    assert np.mean(held) >= 0.9
+
+
 def test_start_up_time():
     t = np.arange(0, 60, 0.1)
     error = 5.0 * np.exp(-t / 4.0) + white(t.size, 0.01)
@@ -150,6 +165,11 @@ def test_an_answer_to_a_later_step_is_no_start_up():
     assert start_up(t, late + noise).value == 0.0
     early = 5.0 * np.exp(-t)
     assert start_up(t, early + late + noise).value == pytest.approx(np.log(5.0 / 0.04), rel=0.1)
+
+
+def test_a_drift_that_goes_on_is_no_start_up():
+    t = np.arange(0, 600, 0.1)
+    assert start_up(t, 0.01 * t + white(t.size, 0.01)).value == 0.0
 
 
 def harmonics(seed=2):
