@@ -7,6 +7,7 @@ block: what is kept does not grow with it.
 """
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,7 +26,21 @@ beyond which more tell nothing new."""
 
 _PRESENT = 0.95  # of a cluster; the rest missing makes white noise 2.6 % too large at most
 _TYPED = 1 << 14  # points of the angle, from the record's start, that tell the noise at a cluster length
+_OCTAVE = 1100  # more than any number has below 1
 _BLOCK = 1 << 15  # samples worked on at once: they stay in the processor's cache
+
+
+FAR = 6.0
+"""Standard deviations of the others beyond which samples are outliers: of normal noise one in 5e8 lies there."""
+
+
+class Outliers(NamedTuple):
+    """How many of the samples lie beyond `beyond` from the first block's median, and the farthest [rad/s]."""
+
+    number: int
+    samples: int
+    beyond: float
+    farthest: float
 
 
 @dataclass(frozen=True)
@@ -71,9 +86,10 @@ def allan_deviation(rate: Floats, tick: Ints, sample_rate_Hz: float, lengths: In
 
 
 class AllanSums:
-    """The deviation of a record of `span` ticks that comes in blocks."""
+    """The deviation of a record of `span` ticks that comes in blocks. Samples farther than `within` from the first
+    block's median count as missing."""
 
-    def __init__(self, span: int, lengths: Ints | None = None) -> None:
+    def __init__(self, span: int, lengths: Ints | None = None, within: float = np.inf) -> None:
         left = _lengths(span) if lengths is None else lengths[span >= LEAST_CLUSTERS * lengths]
         self._levels: list[_Level] = []
         while not self._levels or left.size:
@@ -83,6 +99,8 @@ class AllanSums:
             left = left[~here]
         self._span = span
         self._about, self._first = 0.0, -1
+        self._within, self._farthest = within, 0.0
+        self._octaves = np.zeros((2, 2 * _OCTAVE))  # of the distance from the median: samples, and their squares
         self._base, self._count = 0.0, 0
         self._due = 0  # tick that comes next, of those since the first
         self._feed(np.zeros(1), np.zeros(1, np.int64))
@@ -90,7 +108,14 @@ class AllanSums:
     def add(self, rate: Floats, tick: Ints) -> None:
         """The samples that follow (n,), at rising ticks."""
         if self._first < 0 and rate.size:
-            self._about, self._first = float(rate.mean()), int(tick[0])
+            self._about, self._first = float(np.median(rate)), int(tick[0])
+        far = np.abs(rate - self._about)
+        octave = np.frexp(np.maximum(far, np.finfo(float).tiny))[1] + _OCTAVE
+        for sums, weight in zip(self._octaves, (None, far**2), strict=True):
+            sums += np.bincount(octave, weight, sums.size)
+        self._farthest = max(self._farthest, float(far.max(initial=0.0)))
+        if self._farthest > self._within:
+            rate, tick = rate[far <= self._within], tick[far <= self._within]
         place = tick - self._first
         at = 0
         while at < rate.size:
@@ -104,6 +129,19 @@ class AllanSums:
                 there[place[at:end] - self._due] = 1
             self._feed(np.cumsum(values), self._count + np.cumsum(there))
             self._due, at = until, end
+
+    def outliers(self) -> Outliers | None:
+        """Of what has come, octave by octave from the farthest on."""
+        counts, squares = (np.cumsum(sums) for sums in self._octaves)
+        beyond = None
+        for k in np.flatnonzero(self._octaves[0])[:0:-1]:
+            if not 0.0 < FAR * np.sqrt(squares[k - 1] / counts[k - 1]) < 2.0 ** (k - 1 - _OCTAVE):
+                break
+            beyond = k
+        if beyond is None:
+            return None
+        number = int(counts[-1] - counts[beyond - 1])
+        return Outliers(number, int(counts[-1]), 2.0 ** float(beyond - 1 - _OCTAVE), self._farthest)
 
     def _feed(self, angle: Floats, count: Ints) -> None:
         """The sums from the last block's end on go down the levels; the next are counted from where they end."""

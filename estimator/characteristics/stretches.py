@@ -16,7 +16,8 @@ class Stretches:
 
     t_s (n,) of their middles; rate (n,) rad/s put out; reference (n,) rad/s and its mean slope (n,) rad/s², None where
     nobody knows how the device turned; temperature (n,) °C or None; pattern (n, 16): means of cos kθ and sin kθ,
-    k = 1 … 4, and of the reference times each, θ the pattern's angle in the device's frame; None of a device without.
+    k = 1 … 4, and of the reference times each, θ the pattern's angle in the device's frame; None of a device without;
+    spread (n,) rad/s: standard deviation of the reference within each, None of none.
     """
 
     t_s: Floats
@@ -25,6 +26,7 @@ class Stretches:
     slope: Floats | None = None
     temperature: Floats | None = None
     pattern: Floats | None = None
+    spread: Floats | None = None
 
     def __len__(self) -> int:
         return self.t_s.size
@@ -34,7 +36,27 @@ class Stretches:
         """Whether the reference is other than one rate."""
         if self.reference is None or len(self) < 2:
             return False
-        return bool(np.ptp(self.reference) > _STILL_RAD_S + _STILL * np.abs(self.reference).max())
+        return bool(np.ptp(self.reference) > _as_still(self.reference))
+
+    def still(self) -> list[tuple[int, int]]:
+        """First and end of the stretches over which the reference stands still, again and again."""
+        if self.reference is None or not self.moves:
+            return [(0, len(self))]
+        allowed, spread = _as_still(self.reference), np.zeros(len(self)) if self.spread is None else self.spread
+        found, begin = [], 0
+        least = most = float(self.reference[0])
+        for k, (rate, within) in enumerate(zip(self.reference.tolist(), spread.tolist(), strict=True)):
+            least, most = min(least, rate), max(most, rate)
+            if within > allowed or most - least > allowed:
+                found.append((begin, k))
+                begin, least, most = k, rate, rate
+            if within > allowed:
+                begin, least, most = k + 1, np.inf, -np.inf
+        return [(one, end) for one, end in [*found, (begin, len(self))] if end > one]
+
+
+def _as_still(reference: Floats) -> float:
+    return float(_STILL_RAD_S + _STILL * np.abs(reference).max())
 
 
 _STILL_RAD_S, _STILL = 1e-6, 1e-3
@@ -52,7 +74,7 @@ def joined(parts: list[Stretches]) -> Stretches:
     if len(parts) == 1:
         return parts[0]
     columns: dict[str, Any] = {}
-    for name in ("t_s", "rate", "reference", "slope", "temperature", "pattern"):
+    for name in ("t_s", "rate", "reference", "slope", "temperature", "pattern", "spread"):
         values = [getattr(part, name) for part in parts]
         columns[name] = None if any(one is None for one in values) else np.concatenate(values)
     return Stretches(**columns)

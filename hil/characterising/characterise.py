@@ -94,6 +94,7 @@ def _sheet(
     referred = any(axis.referred for axis in told)
     remarks = [cut for place in request.records for cut in cuts_of(place)]
     remarks += [] if referred else [f"no reference for the rotation of the device; bias {AT_REST}"]
+    remarks += [remark for axis in told for remark in axis.remarks]
     return DataSheet(
         device=device,
         serial_number=serial,

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -48,6 +49,7 @@ class AxisFigures:
     line: Line | None = None
     stretches: Stretches | None = None
     noise: Noise | None = None
+    remarks: list[str] = field(default_factory=list)
     referred: bool = False
 
 
@@ -75,7 +77,15 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
         told.missing |= dict.fromkeys((*_FIGURE_OF.values(), "bias_instability", "start_up"), "rows without time")
     else:
         plain = parts[longest].reference is None and parts[longest].pattern is None
-        _read(told, record, at_rest if plain else _noise(told, record))
+        still = _still(told.line, parts, longest, record)
+        sums = at_rest if plain else _noise(told, record, still)
+        if (far := sums.outliers()) is not None:
+            sums = _noise(told, record, still, far.beyond)
+            told.remarks.append(
+                f"{record.name}: {far.number} of {far.samples} samples lie more than {_deg_per_s(far.beyond)} off, "
+                f"up to {_deg_per_s(far.farthest)}; the noise figures leave them out, the others do not"
+            )
+        _read(told, record, sums, moves=parts[longest].moves)
         if told.referred and whole.moves:
             told.found |= _response(record)
         started = _start_up(record, told, parts[longest] if len(parts) == 1 else None)
@@ -104,7 +114,7 @@ def _stretches(record: Axis, at_rest: AllanSums | None = None) -> Stretches:
     if first is None:
         return Stretches(np.zeros(0), np.zeros(0))
     has_reference, has_temperature, has_pattern = (part is not None for part in first[2:])
-    width = 1 + 2 * has_reference + has_temperature + 4 * len(HARMONICS) * has_pattern
+    width = 1 + 3 * has_reference + has_temperature + 4 * len(HARMONICS) * has_pattern
     gathered = Gathered(length, record.rate_Hz, width)
     while first is not None:
         if at_rest is not None and not has_reference and not has_pattern:
@@ -114,17 +124,18 @@ def _stretches(record: Axis, at_rest: AllanSums | None = None) -> Stretches:
     t_s, means = gathered.means()
     columns = iter(means.T)
     rate = next(columns)
-    reference, slope = (next(columns), next(columns)) if has_reference else (None, None)
+    reference, slope, square = (next(columns) for _ in range(3)) if has_reference else (None, None, None)
     temperature = next(columns) if has_temperature else None
     pattern = np.column_stack(list(columns)) if has_pattern else None
-    return Stretches(t_s, rate, reference, None if record.steady else slope, temperature, pattern)
+    spread = None if reference is None or square is None else np.sqrt(np.maximum(square - reference**2, 0.0))
+    return Stretches(t_s, rate, reference, None if record.steady else slope, temperature, pattern, spread)
 
 
 def _columns(block: Block, rate_Hz: float) -> list[Floats]:
     columns = [block.rate]
     if block.reference is not None:
         slope = np.gradient(block.reference, block.tick / rate_Hz) if block.tick.size > 1 else np.zeros(1)
-        columns += [block.reference, slope]
+        columns += [block.reference, slope, block.reference**2]
     if block.temperature is not None:
         columns.append(block.temperature)
     if block.theta is not None:
@@ -159,19 +170,60 @@ def _left(block: Block, told: AxisFigures) -> Floats:
     return np.asarray(left)
 
 
-def _noise(told: AxisFigures, record: Axis) -> AllanSums:
-    """A second pass, of what the fit leaves."""
-    sums = AllanSums(_settled_span(record))
+class _Still(NamedTuple):
+    """Ticks `first` to `end` at which the reference stands still, the mean of what the fit leaves there, and the tick
+    in the sums: so far from the others that no cluster has parts of two."""
+
+    first: int
+    end: int
+    level: float
+    at: int
+
+
+def _still(found: Line, parts: list[Stretches], number: int, record: Axis) -> list[_Still]:
+    """Where the reference of a record stands still and the output has settled; all of one that never moves."""
+    part, before = parts[number], sum(len(one) for one in parts[:number])
+    if not part.moves:
+        return [_Still(record.settled_from, record.first + record.span, 0.0, 0)]
+    left, stretch = found.fit.residual[before : before + len(part)], _stretch(record)
+    still: list[_Still] = []
+    at = long = 0
+    for begin, end in part.still():
+        started = start_up(part.t_s[begin:end], left[begin:end])
+        if started is None:
+            continue
+        begin += int(np.searchsorted(part.t_s[begin:end], part.t_s[begin] + started.value))
+        first, last = (record.first + round(part.t_s[k] * record.rate_Hz - 0.5 * stretch) for k in (begin, end - 1))
+        length = last + stretch - first
+        at += max(length, long) if still else 0
+        still.append(_Still(first, first + length, float(left[begin:end].mean()) + found.fit.of("bias"), at))
+        at, long = at + length, length
+    return still
+
+
+def _noise(told: AxisFigures, record: Axis, still: list[_Still], within: float = np.inf) -> AllanSums:
+    """A second pass, of what the fit leaves where the reference stands still."""
+    sums = AllanSums(still[-1].at + still[-1].end - still[-1].first if still else 1, within=within)
     for block in _settled(record):
-        sums.add(_left(block, told), block.tick)
+        for one in still:
+            inside = slice(*np.searchsorted(block.tick, (one.first, one.end)))
+            if inside.start < inside.stop:
+                piece = Block(*(None if part is None else part[inside] for part in block))  # type: ignore[arg-type]
+                sums.add(_left(piece, told) - one.level, piece.tick + (one.at - one.first))
     return sums
 
 
-def _read(told: AxisFigures, record: Axis, sums: AllanSums) -> None:
+def _deg_per_s(rate_rad_s: float) -> str:
+    return f"{significant(np.degrees(rate_rad_s), 2)} °/s"
+
+
+def _read(told: AxisFigures, record: Axis, sums: AllanSums, *, moves: bool) -> None:
     """What the Allan deviation tells."""
     told.noise = noise = read_noise(sums.deviation(record.rate_Hz))
     if noise.fit is None:
         why = "the Allan deviation is not that of noise alone"
+        if moves and not len(noise.curve):
+            why = f"the reference never stands still for {lasting(FEWEST * _stretch(record) / record.rate_Hz)}"
         if record.span < LEAST_SAMPLES:
             why = f"needs {lasting(LEAST_SAMPLES / record.rate_Hz)}"
         told.missing |= dict.fromkeys((*_FIGURE_OF.values(), "bias_instability"), why)

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 import hil
 from hil.bench.data_sheet import FIGURES
@@ -29,18 +30,41 @@ sample_rate_Hz = 100.0
 """
 
 
-def still(path, seed, bias=2e-4, n=30_000):
-    """A sensor at rest: white noise of 1e-4 rad/√s on two axes."""
+def still(path, seed, bias=2e-4, n=30_000, spikes=()):
+    """A sensor at rest: white noise of 1e-4 rad/√s on two axes; x spikes by 0.1 rad/s."""
     scale = 1e-7
     channels = [Column(f"rate_{axis}_code", "i4", "rad/s", scale) for axis in "xy"]
     layout = rates_layout(channels, tick_rate_Hz=RATE_HZ, device="a sensor")
     path.mkdir()
     noise = 1e-4 * np.sqrt(RATE_HZ) * np.random.default_rng(seed).standard_normal((n, 2))
+    noise[list(spikes), 0] += 0.1
     rows = np.zeros(n, layout.dtype)
     rows["tick"] = np.arange(n)
     for k, axis in enumerate("xy"):
         rows[f"rate_{axis}_code"] = np.round((bias + noise[:, k]) / scale)
     with BlockWriter(path / "capture.arrow", layout) as writer:
+        writer.push(rows)
+    return path
+
+
+def on_a_table(path, seed):
+    """White noise of 1e-4 rad/√s behind one pole at 5 Hz and 20 ms, curved by 0.05 %, on a table that dwells for 20 s
+    and ramps for 2 s, and shakes at last, faster than 0.1 s shows."""
+    n = 24_000
+    rate = np.repeat(np.array([-2, -1, -0.5, 0, 0.5, 1, 2, 0, 1.5, -1.5]), n // 10)
+    hann = np.hanning(200) / np.hanning(200).sum()
+    rate = np.convolve(np.pad(rate, 200, "edge"), hann, "same")[200:-200]
+    t = np.arange(n) / RATE_HZ
+    rate += np.where(t > 230.0, np.sin(2 * np.pi * 10.0 * t), 0.0)
+    keep = np.exp(-2 * np.pi * 5.0 / RATE_HZ)
+    late = rate[np.maximum(np.arange(n) - 2, 0)]
+    output, _ = lfilter([1.0 - keep], [1.0, -keep], late, zi=[keep * late[0]])
+    output = 1.001 * output + 5e-4 * 2 * (output / 2) ** 3
+    output += 1e-4 * np.sqrt(RATE_HZ) * np.random.default_rng(seed).standard_normal(n)
+    layout = import_layout(["vx_V", "rate_rad_s"], tick_rate_Hz=RATE_HZ, uniform=True, hold="zoh", segments={})
+    rows = np.zeros(n, layout.dtype)
+    rows["tick"], rows["rate_rad_s"], rows["vx_V"] = np.arange(n), rate, 0.5 * output
+    with BlockWriter(path, layout) as writer:
         writer.push(rows)
     return path
 
@@ -74,6 +98,48 @@ def test_a_sensor_at_rest(tmp_path):
     page = (sheet.path / "report.html").read_text()
     assert page.count("<figure") == 2
     assert "angle random walk" in page
+
+
+@pytest.mark.moderate
+def test_the_noise_of_a_device_on_a_table_is_that_at_rest(tmp_path):
+    (tmp_path / "sensor.bench.toml").write_text(SENSOR)
+    held = []
+    for seed in range(20):
+        place, bench = on_a_table(tmp_path / f"{seed}.arrow", seed), tmp_path / "sensor.bench.toml"
+        sheet = hil.characterise(place, bench, out=tmp_path / "runs", report=False)
+        walk = sheet["angle_random_walk"]
+        assert sheet["rate_random_walk"].value is None
+        assert sheet["bias_instability"].low == 0.0
+        held.append(walk.low <= 1e-4 <= walk.high)
+    assert np.mean(held) >= 0.85
+    assert walk.high < 1.1 * walk.low
+
+
+def test_noise_under_a_rate_that_never_stands_still_is_not_determined(tmp_path):
+    n = 12_000
+    rate = np.sin(0.5 * np.arange(n) / RATE_HZ)
+    layout = import_layout(["vx_V", "rate_rad_s"], tick_rate_Hz=RATE_HZ, uniform=True, hold="zoh", segments={})
+    rows = np.zeros(n, layout.dtype)
+    rows["tick"], rows["rate_rad_s"] = np.arange(n), rate
+    rows["vx_V"] = 0.5 * rate + 1e-3 * np.random.default_rng(3).standard_normal(n)
+    with BlockWriter(tmp_path / "sine.arrow", layout) as writer:
+        writer.push(rows)
+    (tmp_path / "sensor.bench.toml").write_text(SENSOR)
+    sheet = hil.characterise(tmp_path / "sine.arrow", tmp_path / "sensor.bench.toml", out=tmp_path, report=False)
+    assert sheet["angle_random_walk"].value is None
+    assert sheet["angle_random_walk"].said == "the reference never stands still for 2 s"
+
+
+def test_spikes_are_counted_and_left_out_of_the_noise(tmp_path):
+    spiky = still(tmp_path / "a", 1, spikes=[100, 9_000, 20_000])
+    sheet = hil.characterise(spiky, out=tmp_path / "runs", report=False)
+    clean = hil.characterise(still(tmp_path / "b", 1), out=tmp_path / "runs", report=False)
+    assert sheet["angle_random_walk"].value == pytest.approx(clean["angle_random_walk"].value, rel=2e-3)
+    remarks = [remark for remark in sheet.sheet.remarks if "samples lie" in remark]
+    assert len(remarks) == 1
+    assert remarks[0].startswith("x: 3 of 30000 samples lie more than")
+    assert "up to 5.8 °/s; the noise figures leave them out" in remarks[0]
+    assert not [remark for remark in clean.sheet.remarks if "samples lie" in remark]
 
 
 def test_a_table_that_steps_and_the_limits_of_its_data_sheet(tmp_path, called):  # noqa: F811
