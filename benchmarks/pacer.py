@@ -22,7 +22,7 @@ from device_emulator import realtime
 from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.scenario import Scenario, load
-from device_emulator.truth import TruthFile, truth_metadata
+from device_emulator.truth_file import TruthFile, truth_metadata
 from hil.running.realtime import end_with_parent
 from hil.wire.errors import LinkClosed
 from hil.wire.messages import Arm, ClockMode, DriveForce, Hello

@@ -46,7 +46,7 @@ def _serve(options: argparse.Namespace) -> None:
     from device_emulator.line import Line
     from device_emulator.scenario import load
     from device_emulator.serve import Server, stop_signal
-    from device_emulator.truth import TruthFile, truth_metadata
+    from device_emulator.truth_file import TruthFile, truth_metadata
     from hil.wire.links import open_board_link
     from hil.wire.messages import ClockMode
 

@@ -6,7 +6,7 @@ from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.line import Line
 from device_emulator.scenario import load
-from device_emulator.truth import TruthFile, truth_metadata
+from device_emulator.truth_file import TruthFile, truth_metadata
 from hil.wire.messages import ClockMode
 
 

@@ -1,6 +1,6 @@
 """The whole bench once over, on a board with an effect that nobody told the host of: run, trace, add, run again.
 
-What the emulated board is started with comes from what this machine holds, measured first (`hil.running.started`).
+What the emulated board is started with comes from what this machine holds, measured first (`hil.running.rehearsal`).
 """
 
 import tempfile
@@ -12,7 +12,7 @@ from hil.bench import Bench, examples, load_bench, override
 from hil.progress import Progress, Watcher
 from hil.records.result import Result, load_result, save_result
 from hil.records.runfolder import RunFolder
-from hil.running.started import Started, after_late, measured
+from hil.running.rehearsal import Started, after_late, measured
 
 EXAMPLE = "s-undeclared"
 LOOP = {"duration_s": 12.0, "settle_s": 4.0}

@@ -10,7 +10,7 @@ from estimator.custom.names import QUANTITIES
 from hil.bench.bench import Bench
 from hil.bench.by_verb import NOT_OF
 from hil.bench.device import Device
-from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter
+from hil.bench.effects import OwnCoefficient, OwnEffect, OwnParameter
 from hil.bench.rate_sensor import RateSensorBench
 from hil.bench.section import FIELD_UNITS, other_keys
 from hil.bench.template import keys, meaning, others, sections

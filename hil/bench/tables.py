@@ -7,9 +7,9 @@ from typing import Annotated, Any, Self
 from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from hil.bench.device import Device
+from hil.bench.effects import Effects
 from hil.bench.loop import Controller, Limits, Link, Loop, Reference
 from hil.bench.observer import Observer
-from hil.bench.own import Effects
 from hil.bench.section import Numbers, Positive, Section, as_tuple
 
 

@@ -8,8 +8,8 @@ from pydantic.fields import FieldInfo
 
 from hil.bench.bench import Bench
 from hil.bench.device import Device
+from hil.bench.effects import Effects, own_table
 from hil.bench.modes import Modes
-from hil.bench.own import Effects, own_table
 from hil.bench.section import Section, other_keys
 from hil.records.units import unit_of
 from hil.toml.reading import toml_key, toml_value

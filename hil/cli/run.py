@@ -165,7 +165,7 @@ def _show_what_is_held(bench: "Bench", url: str) -> None:
     from hil.cli.progress import watching
     from hil.doctor import link
     from hil.errors import printable
-    from hil.running.started import measured
+    from hil.running.rehearsal import measured
 
     if is_emulated(url):
         with watching("measure late answers") as watch:

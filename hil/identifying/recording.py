@@ -19,7 +19,7 @@ from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import RunResult
 from hil.running.run import run as run_apart
-from hil.running.safety.stops import alarm_of
+from hil.running.safety.latching import alarm_of
 from hil.toml.reading import parse_table
 from hil.wire.errors import ProtocolError
 from hil.wire.messages import Capabilities, Identity

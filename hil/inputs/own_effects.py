@@ -19,7 +19,7 @@ from estimator.custom.sensing import declared_map
 from estimator.errors import ModelError
 from estimator.settings import Device
 from hil.bench import Bench
-from hil.bench.own import GROUP
+from hil.bench.effects import GROUP
 from hil.errors import InputError, printable
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from hil.running.process.start import worker_process
 from hil.running.process.supervision import Noticed, as_raised, supervise
 from hil.running.process.worker import Order
 from hil.running.request import RunRequest
-from hil.running.safety.stops import alarm_of
+from hil.running.safety.latching import alarm_of
 
 if TYPE_CHECKING:
     from hil.wire.wire_log import WireLog

@@ -92,7 +92,7 @@ def _has_instruments(plan: Tasks) -> bool:
 def _on_the_bench(
     kept: Kept, plan: Tasks, workers: int | None, scheduler: str | None, _: "cluster.Say", *, arm: bool
 ) -> Iterator[Done]:
-    from hil.sweeping.on_the_bench import carry_out_all
+    from hil.sweeping.with_instruments import carry_out_all
 
     assert isinstance(plan, Plan)
     if scheduler is not None or (workers or 1) > 1:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from estimator.errors import ModelError
 from hil.bench import Bench
-from hil.bench.own import OwnCoefficient, OwnEffect, OwnParameter, own_table
+from hil.bench.effects import OwnCoefficient, OwnEffect, OwnParameter, own_table
 from hil.errors import InputError
 from hil.records.atomic import write_text
 from hil.records.diagnosis import Coefficient, Diagnosis, MissingForce

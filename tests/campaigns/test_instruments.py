@@ -133,7 +133,7 @@ def test_an_interruption_brings_the_table_to_rest(
     def interrupted(*_: Any, **__: Any) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("hil.sweeping.on_the_bench.run", interrupted)
+    monkeypatch.setattr("hil.sweeping.with_instruments.run", interrupted)
     with pytest.raises(KeyboardInterrupt):
         hil.sweep(campaign(backend), out=tmp_path / "out")
     assert commands[-1] == "table: RATE 0.0000"

@@ -13,8 +13,8 @@ from hil.records.runfolder import RunFolder
 from hil.records.setting import Setting
 from hil.report import page
 from hil.running import run as loop_run
+from hil.running.rehearsal import Started, after_late
 from hil.running.request import RunRequest
-from hil.running.started import Started, after_late
 from tests.cli.diagnoses import explained, save_trace
 from tests.running import gyro
 

@@ -15,7 +15,7 @@ import pytest
 from device_emulator.device import CODE_COLUMNS, TRUTH_COLUMNS, Device
 from device_emulator.scenario import Scenario
 from device_emulator.section import ScenarioError
-from device_emulator.truth import BLOCK_ROWS, TruthFile, truth_metadata
+from device_emulator.truth_file import BLOCK_ROWS, TruthFile, truth_metadata
 from hil.errors import InputError
 from hil.records.blocks import read_blocks
 from tests.emulator.gyro import record, scenario, undriven

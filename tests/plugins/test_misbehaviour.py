@@ -16,7 +16,7 @@ from hil.plugins.native import HEADER
 from hil.records.check import check
 from hil.records.runfolder import RunFolder
 from hil.running.process.supervision import _Followed
-from hil.running.safety.stops import Safety
+from hil.running.safety.latching import Safety
 from hil.wire.errors import WireError
 from tests.plugins.compiled import STRICT
 from tests.plugins.misbehaving import AFTER

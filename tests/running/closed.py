@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from device_emulator.board import Board
 from device_emulator.device import Device
 from device_emulator.scenario import load
-from device_emulator.truth import TruthFile, truth_metadata
+from device_emulator.truth_file import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import Bench, override
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of

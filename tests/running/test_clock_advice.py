@@ -13,7 +13,7 @@ from hil.bench import Bench, override
 from hil.errors import InputError
 from hil.records.lateness import Lateness
 from hil.records.result import Answers, Load, Result
-from hil.running import started
+from hil.running import rehearsal as started
 from hil.running.safety.preflight import require_suitable
 from hil.verdict.machine import judge_machine
 from hil.wire.messages import Capabilities, Identity

@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from benchmarks.consistency import declared_bench, true_start, with_drawn_initial_values
 from device_emulator.board import Board
 from device_emulator.device import Device
-from device_emulator.truth import TruthFile, truth_metadata
+from device_emulator.truth_file import TruthFile, truth_metadata
 from estimator.observer import Observer
 from hil.bench import override
 from hil.records.runfolder import RunFolder

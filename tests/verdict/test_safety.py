@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from hil.records.result import Part
-from hil.running.safety.stops import LATCHING, Safety, Stop, reason_name
+from hil.running.safety.latching import LATCHING, Safety, Stop, reason_name
 from hil.verdict.safety import judge_safety, remarks
 from hil.wire.messages import SafeReason
 

@@ -22,8 +22,8 @@ from hil.running.loop.trimming import Trimming
 from hil.running.native import NONE, TurnState
 from hil.running.recording.recorder import RecorderError, Track
 from hil.running.safety.armed import ArmedBoard, Pause
+from hil.running.safety.latching import Safety
 from hil.running.safety.opening import Opening
-from hil.running.safety.stops import Safety
 from hil.running.safety.trim_outputs import Output
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError

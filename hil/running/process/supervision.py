@@ -22,8 +22,8 @@ from hil.errors import InputError
 from hil.progress import Progress, Watcher
 from hil.running.process import line_workers
 from hil.running.process.worker import Order
+from hil.running.safety.latching import Safety, alarm_of
 from hil.running.safety.stopping import bring_to_safe
-from hil.running.safety.stops import Safety, alarm_of
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, LinkError, ProtocolError, WireError

@@ -26,7 +26,7 @@ from hil.errors.ending import ExitCode, ending_of, line_of
 from hil.running import realtime
 from hil.running.process.control import LOOKS_PER_S, Control
 from hil.running.process.load import LoadMeter
-from hil.running.safety.stops import reason_name
+from hil.running.safety.latching import reason_name
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError

@@ -14,9 +14,9 @@ from typing import NamedTuple, NoReturn
 from hil.bench import Bench
 from hil.numbers import counted
 from hil.running.safety.asked_again import ask_again, zero_drive
+from hil.running.safety.latching import LATCHING, Safety, Stop, reason_name
 from hil.running.safety.preflight import require_unchanged
 from hil.running.safety.stopping import bring_to_safe
-from hil.running.safety.stops import LATCHING, Safety, Stop, reason_name
 from hil.wire import client
 from hil.wire.codec import type_of
 from hil.wire.endpoint import Endpoint

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable
 from typing import NamedTuple
 
-from hil.running.safety.stops import LATCHING
+from hil.running.safety.latching import LATCHING
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import WireError
 from hil.wire.messages import Safe, State, Status

@@ -23,7 +23,7 @@ from hil.progress import Progress
 from hil.records.runfolder import RunFolder
 from hil.running.process.live_settings import in_force
 from hil.running.request import RunRequest
-from hil.running.safety.stops import reason_name
+from hil.running.safety.latching import reason_name
 from hil.service.board.link_process import LinkProcess
 from hil.service.board.messages import NOBODY
 from hil.service.board.opening import PATIENCE_S, Opening
