@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from estimator.allan.deviation import AllanDeviation, Floats, Ints
+from estimator.allan.deviation import AllanDeviation, Floats
 from estimator.chance import TWO_SIDED
 
 Term = Literal["quantisation", "white", "flicker", "rate random walk", "ramp"]
@@ -36,12 +36,10 @@ TOLD_CLUSTERS = 10.0
 LEAST_POINTS, LEAST_SAMPLES = 5, 18
 """Fewer cannot bear out a sum of terms; the shortest record that has so many cluster lengths."""
 
-_MODEL = 0.01  # share of the deviation by which the sum of terms may miss it
+_MISFIT = 0.01  # share of the deviation by which the sum of terms may miss it: nothing is that pure a sum
 _SURE = 0.9999  # and the interval it may miss it by
 _CLEAR = 8.0  # where a filter was seen, the fit begins so much later: what it takes away fades as one over the length
-_NEAR = 1.1  # times the lowest place of the curve
 _SHOWN = 2.0  # standard deviations that a term adds somewhere, or it is left out
-_WEIGHED = 0.005  # share to which any point is believed: nothing is that pure a sum
 _LEAST_SPAN = 10.0  # longest cluster over the shortest one fitted, where a filter is left out
 
 
@@ -78,9 +76,10 @@ class Noise:
 
     fit: None where the curve is not that of noise alone, or too short for a fit.
     readings: terms that make at least half of σ² somewhere.
-    bias_instability: None where the record is too short to tell, or there is no fit.
-    bias_bound_rad_s: what it lies below (95 %), where the record is too short to tell.
+    bias_instability: the flicker, None where it makes less than half of σ² everywhere, or there is no fit.
+    bias_bound_rad_s: what it lies below (95 %) by the lowest place of the curve, where that may be of other terms.
     told_s: the longest cluster of which there are ten, None where there is not one.
+    lowest_s: where the bound is read; at told_s the curve still falls, and a longer record lowers the bound.
     """
 
     curve: AllanDeviation
@@ -89,6 +88,7 @@ class Noise:
     bias_instability: Reading | None
     bias_bound_rad_s: float | None
     told_s: float | None
+    lowest_s: float | None = None
 
 
 def read_noise(curve: AllanDeviation) -> Noise:
@@ -99,26 +99,12 @@ def read_noise(curve: AllanDeviation) -> Noise:
     if fit is None or not told.size:
         return Noise(curve, fit, {}, None, None, told_s)
     readings = {term: read for term in TERMS if (read := _read(curve, fit, term)) is not None}
-    low, high = curve.interval(0.95)
-    last = told[-1]
-    at = curve.tau_s[last : last + 1]
-    falling = float((fit.part("quantisation", at) + fit.part("white", at))[0])
-    if low[last] ** 2 <= 2.0 * falling:
-        return Noise(curve, fit, readings, None, float(high[last]) / FLOOR, told_s)
-    return Noise(curve, fit, readings, _floor(curve, fit, told), None, told_s)
-
-
-def _floor(curve: AllanDeviation, fit: Fit, told: Ints) -> Reading:
-    """Bias instability from the lowest place of the fitted curve, as sure as where it first comes near that.
-
-    The points themselves scatter, and the lowest of many would be too low.
-    """
+    bound = lowest_s = None
     inside = told[curve.tau_s[told] >= fit.from_s]
-    fitted = fit.deviation(curve.tau_s[inside])
-    near = inside[np.flatnonzero(fitted <= _NEAR * fitted.min())[0]]
-    low, high = (float(end[near] / curve.deviation[near]) for end in curve.interval(0.95))
-    value = float(fitted.min()) / FLOOR
-    return Reading(value, value * low, value * high, float(curve.tau_s[near]))
+    if "flicker" not in readings and inside.size:
+        lowest = inside[np.argmin(fit.deviation(curve.tau_s[inside]))]
+        bound, lowest_s = float(curve.interval(0.95)[1][lowest]) / FLOOR, float(curve.tau_s[lowest])
+    return Noise(curve, fit, readings, readings.get("flicker"), bound, told_s, lowest_s)
 
 
 def find_fit(curve: AllanDeviation) -> Fit | None:
@@ -136,7 +122,7 @@ def find_fit(curve: AllanDeviation) -> Fit | None:
             terms.remove("quantisation")  # of the rate's own noise: a filter hides what would tell it
             fit = _fit_from(curve, start, terms)
         expected = fit.deviation(curve.tau_s[start:])
-        within = (low[start:] <= (1.0 + _MODEL) * expected) & (high[start:] >= (1.0 - _MODEL) * expected)
+        within = (low[start:] <= (1.0 + _MISFIT) * expected) & (high[start:] >= (1.0 - _MISFIT) * expected)
         if within.all():
             return fit if not start else _fit_from(curve, _clear_of_the_filter(curve, start), terms)
     return None
@@ -173,7 +159,7 @@ def _solved(terms: list[Term], tau_s: Floats, deviation: Floats, relative_sd: Fl
     from scipy.optimize import nnls
 
     columns = np.stack([factor * tau_s**power for power, factor in (TERMS[term] for term in terms)], 1)
-    share = 2.0 * np.hypot(relative_sd, _WEIGHED)
+    share = 2.0 * np.hypot(relative_sd, _MISFIT)
     scale = columns.max(0)
     expected = deviation**2
     squares = np.zeros(len(terms))
@@ -188,7 +174,7 @@ def _apart(curve: AllanDeviation, fit: Fit, term: Term) -> tuple[float, float]:
     """95 % interval of a coefficient with each of the terms there: one that was left out may hide in it. Points closer
     than an octave repeat one another."""
     inside = curve.tau_s >= fit.from_s
-    tau, share = curve.tau_s[inside], 2.0 * np.hypot(curve.relative_sd[inside], _WEIGHED)
+    tau, share = curve.tau_s[inside], 2.0 * np.hypot(curve.relative_sd[inside], _MISFIT)
     weight = 1.0 / (share * fit.deviation(tau) ** 2)
     columns = (
         np.stack([factor * tau**power for power, factor in map(TERMS.__getitem__, fit.terms)], 1) * weight[:, None]
@@ -213,7 +199,7 @@ def _read(curve: AllanDeviation, fit: Fit, term: Term) -> Reading | None:
     best = int(np.argmin(np.where(usable, curve.relative_sd / np.maximum(share, 0.5), np.inf)))
     value, apart = fit.coefficients[term], _apart(curve, fit, term)
     low, high = (
-        float(np.hypot(end[best] / curve.deviation[best] - 1.0, 2.0 * _WEIGHED) / share[best])
+        float(np.hypot(end[best] / curve.deviation[best] - 1.0, 2.0 * _MISFIT) / share[best])
         for end in curve.interval(0.95)
     )
     low, high = min(value * max(1.0 - low, 0.0), apart[0]), max(value * (1.0 + high), apart[1])

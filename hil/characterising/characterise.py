@@ -13,7 +13,7 @@ from estimator.characteristics.stretches import HARMONICS
 from estimator.side_by_side import one_blas_thread, side_by_side
 from hil.bench.angle_map import Calibrated, Harmonics, write_angle_map
 from hil.bench.data_sheet import AT_LEAST, FIGURES, SheetFigure
-from hil.characterising.figures import AT_REST, AxisFigures, figures_of, lasting
+from hil.characterising.figures import AT_REST, HALVED, AxisFigures, figures_of, lasting
 from hil.characterising.page import write_report
 from hil.characterising.request import CharacteriseRequest
 from hil.characterising.source import Axis, axes_of, cuts_of
@@ -141,7 +141,7 @@ def _row(figure: SheetFigure, told: AxisFigures, limit: float | None) -> SheetRo
     if limit is not None:
         size = estimate.size
         kept = size.value >= limit if figure.name in AT_LEAST else size.value <= limit
-        if not kept and estimate.low == 0.0 and figure.name == "bias_instability":
+        if not kept and HALVED in estimate.said:
             needed = lasting(told.seconds * (estimate.value / limit) ** 2)
             said = f"upper limit (95 %); one below the limit needs about {needed}"
         elif size.low < limit < size.high:

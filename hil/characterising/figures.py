@@ -32,6 +32,7 @@ _FIGURE_OF = {
     "rate random walk": "rate_random_walk",
     "ramp": "rate_ramp",
 }
+HALVED = "half of it needs about"
 AT_REST = "as of a device at rest; the Earth's rate is in it"
 AT_ONE_RATE = "at the record's one rate; the scale factor error times that rate is in it"
 
@@ -241,7 +242,10 @@ def _read(told: AxisFigures, record: Axis, sums: AllanSums, *, moves: bool) -> N
         told.found["bias_instability"] = Estimate(read.value, read.low, read.high)
     elif noise.bias_bound_rad_s is not None:
         bound = noise.bias_bound_rad_s
-        said = f"upper limit (95 %); half of it needs about {lasting(4.0 * told.seconds)}"
+        why = "other noise explains the lowest place of the Allan deviation"
+        if noise.lowest_s == noise.told_s:
+            why = "a record at rest gives a lower one" if moves else f"{HALVED} {lasting(4.0 * told.seconds)}"
+        said = f"upper limit (95 %); {why}"
         told.found["bias_instability"] = Estimate(bound, 0.0, bound, said)
 
 

@@ -101,7 +101,7 @@ def _key_figures(material: SensorMaterial) -> list[tuple[str, str, str]]:
         entries.append(("Bias instability", value, f"axis {axis}, the largest that is determined"))
     elif any(found.bias_bound_rad_s is not None for found in material.noise.values()):
         bound = max(found.bias_bound_rad_s or 0.0 for found in material.noise.values()) * words.PER_HOUR
-        entries.append(("Bias instability", "too short", f"to tell; below {significant(bound, 2)}\u00a0°/h"))
+        entries.append(("Bias instability", "not shown", f"below {significant(bound, 2)}\u00a0°/h"))
     if sensor.latency_us is not None:
         remark = f"p50; p99.9 {significant(sensor.latency_us.p999)} µs, as the sensor says"
         entries.append(("Latency", f"{significant(sensor.latency_us.p50)} µs", remark))
@@ -248,7 +248,7 @@ def noise_table(material: SensorMaterial) -> str:
             read = found.bias_instability
             rows.append((axis, "bias instability", interval(read, "flicker"), f"{significant(read.tau_s)} s"))
         elif found.bias_bound_rad_s is not None:
-            bound = f"too short to tell; below {significant(found.bias_bound_rad_s * PER_HOUR, 2)}\u00a0°/h"
-            rows.append((axis, "bias instability", bound, f"{significant(found.told_s or 0.0)} s"))
+            bound = f"not shown; below {significant(found.bias_bound_rad_s * PER_HOUR, 2)}\u00a0°/h"
+            rows.append((axis, "bias instability", bound, f"{significant(found.lowest_s or 0.0)} s"))
     head = ("axis", "noise", "value, 95 % interval", "read at τ")
     return table("Noise, as far as the record tells", head, rows, (3,)) if rows else ""

@@ -92,6 +92,9 @@ def instability(found: Noise) -> str:
     if found.bias_bound_rad_s is None or found.told_s is None:
         return "bias instability not determined"
     below = f"{significant(found.bias_bound_rad_s * PER_HOUR, 2)}\u00a0°/h"
+    if found.lowest_s != found.told_s:
+        lowest = f"the lowest place of the curve, at τ = {quantity(found.lowest_s or 0.0, 's')}"
+        return f"bias instability below {below} (95 %): other noise explains {lowest}"
     return (
         f"too short for the bias instability: at τ = {quantity(found.told_s, 's')}, the longest of which there are ten "
         f"clusters, the curve is not yet clear of white noise. It lies below {below} (95 %)"
