@@ -1,4 +1,4 @@
-"""The law of a board in gain mode, on the host: what it did while nothing was heard of it (foresight.h)."""
+"""The law of a board in gain mode, on the host: what it did while nothing was heard of it (gain_board.h)."""
 
 import ctypes
 from typing import Any

@@ -1,6 +1,6 @@
 /* The library: its entries take structures by address (library.py), whose sizes the loader compares. */
 #include "experiment.h"
-#include "foresight.h"
+#include "gain_board.h"
 #include "gain_matrix.h"
 #include "likelihood.h"
 #include "rotation.h"

@@ -29,4 +29,4 @@ MAX_LATENCY, MAX_AXES, MAX_EFFECTS, MAX_SIGNALS, MAX_SLIPS, MAX_DEGREE, MAX_DELA
 PHI_X, PHI_Y, RATE, KXX, KYY, KXY, DXX, DYY, DXY = range(9)
 
 SETTINGS, MEMORY, OUTPUT, TRIMS = (_HEADER.row(name) for name in ("Settings", "Memory", "Output", "Trims"))
-BOARD = Header(_HERE / "foresight.h", NUMBERS).row("Board")
+BOARD = Header(_HERE / "gain_board.h", NUMBERS).row("Board")

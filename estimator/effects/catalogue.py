@@ -3,7 +3,8 @@
 from collections.abc import Iterable, Sequence
 from types import ModuleType
 
-from estimator.effects import damping, delay, drive, equivalent, hysteresis, line, sense, stiffness, temperature
+from estimator.effects import damping, delay, drive, hysteresis, line, sense, stiffness, temperature
+from estimator.effects import indistinguishable as equivalent
 from estimator.effects.declaration import OWN, Effect
 from estimator.errors import ModelError
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from estimator.core.layout import OUTPUT
 from estimator.core.library import LIBRARY as CORE
-from estimator.foresight import Foresight
+from estimator.gain_board import GainBoard
 from estimator.gain_matrix import GainMatrix
 from hil.inputs.declared import board_dither_of, board_filter_of
 from hil.running.loop.skeleton import Setup
@@ -82,7 +82,7 @@ class GainLoop(BlockLoop):
         lead = 1 if self._lockstep else block
         board = board_filter_of(bench)
         self._matrix = GainMatrix(observer, board)
-        self._foresight = Foresight(observer, board, self._drive_limit, board_dither_of(bench, identity))
+        self._gain_board = GainBoard(observer, board, self._drive_limit, board_dither_of(bench, identity))
         self._matrices = SentMatrices(block)
         self._gains = GainsState(lead=lead, horizon=lead + block + identity.latency_ticks)
 
@@ -92,7 +92,7 @@ class GainLoop(BlockLoop):
         gains.solve, gains.folding = address_of(CORE.estimator_gains), self._matrix.address
         gains.gain, gains.bias = (part.ctypes.data for part in self._matrix.newest)
         gains.follow, gains.tell = address_of(CORE.estimator_board_follow), address_of(CORE.estimator_board_tell)
-        gains.board = self._foresight.address
+        gains.board = self._gain_board.address
         gains.matrices = ctypes.addressof(self._matrices.state)
         self._state.gains = ctypes.addressof(gains)
 
@@ -113,16 +113,16 @@ class GainLoop(BlockLoop):
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         """By what the board must have driven; it drove, or did not, as it does at the sample at hand."""
         assert self._next is not None
-        drives = self._foresight.foresee(self._next, missing) * self._scale[2:]
+        drives = self._gain_board.foresee(self._next, missing) * self._scale[2:]
         self._observer.run(np.full((missing, 2), math.nan), drives, every=missing)
         return bool(np.any(drives[-1])) == any(drive)
 
     def _forget(self) -> None:
-        """The foresight follows the board, not the motion."""
+        """It follows the board, not the motion."""
 
     def _begin_again(self) -> None:
         super()._begin_again()
-        self._foresight.arm()
+        self._gain_board.arm()
         self._leave_open()
         self._matrices.forget()
 

@@ -10,7 +10,7 @@ from estimator.observer import Observer
 from estimator.scaling import Array
 
 
-class Foresight:
+class GainBoard:
     """A board in gain mode, carried along on the host by what it sampled, or must have sampled.
 
     `limit` is its largest drive code, `dither` (amplitude in drive codes, start of the shift register) what it adds.

@@ -1,6 +1,6 @@
-/* The law of a board in gain mode, on the host: what it did while nothing was heard of it (estimator/foresight.py). */
-#ifndef GYRO_FORESIGHT_H
-#define GYRO_FORESIGHT_H
+/* The law of a board in gain mode, on the host: what it did while nothing was heard of it (estimator/gain_board.py). */
+#ifndef GYRO_GAIN_BOARD_H
+#define GYRO_GAIN_BOARD_H
 
 #include <math.h>
 

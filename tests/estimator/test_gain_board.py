@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from estimator.foresight import Foresight
+from estimator.gain_board import GainBoard
 from estimator.gain_matrix import GainMatrix, luenberger, pair
 from estimator.observer import Observer
 from tests.estimator.test_gain_matrix import QUANTUM, Board, Case, codes_of
@@ -66,32 +66,32 @@ def test_a_gap_is_filled_with_what_the_board_did(latency: int) -> None:
     codes, drives, motions = record(case, observer, 500, start, second)
     board = luenberger(observer.h)
     gain, bias = (part.copy() for part in GainMatrix(observer, board).solve(500))
-    foresight = Foresight(observer, board, LIMIT, (DITHER, SEED))
-    foresight.follow(0, codes[:20].astype(np.int32))
-    foresight.tell(gain, bias, start)
-    foresight.follow(20, codes[20:gap].astype(np.int32))
-    foresight.tell(0.5 * gain, 0.5 * bias, second)
+    gain_board = GainBoard(observer, board, LIMIT, (DITHER, SEED))
+    gain_board.follow(0, codes[:20].astype(np.int32))
+    gain_board.tell(gain, bias, start)
+    gain_board.follow(20, codes[20:gap].astype(np.int32))
+    gain_board.tell(0.5 * gain, 0.5 * bias, second)
     scale = np.array([2e-6, 2e-6 * observer.scaling.omega0] * 2)
     observer.x[:4] = motions[gap - 1] / scale
-    foreseen = foresight.foresee(gap, missing)
+    foreseen = gain_board.foresee(gap, missing)
     assert np.abs(drives[gap : gap + missing]).max() == LIMIT
     np.testing.assert_allclose(foreseen, drives[gap : gap + missing], atol=1.0)
-    foresight.follow(gap + missing, codes[gap + missing : 480].astype(np.int32))
+    gain_board.follow(gap + missing, codes[gap + missing : 480].astype(np.int32))
     observer.x[:4] = motions[479] / scale
-    np.testing.assert_allclose(foresight.foresee(480, 20), drives[480:], atol=1.0)
+    np.testing.assert_allclose(gain_board.foresee(480, 20), drives[480:], atol=1.0)
 
 
 def test_a_board_that_is_armed_again_has_forgotten() -> None:
     case = Case()
     observer = case.observer()
     board = pair(5)
-    foresight = Foresight(observer, board, LIMIT, (DITHER, SEED))
-    foresight.tell(*GainMatrix(observer, board).solve(500), 0)
-    foresight.follow(0, np.full((10, 2), 1000, np.int32))
-    assert foresight.foresee(10, 5).all()
-    foresight.arm()
-    foresight.follow(50, np.full((10, 2), 1000, np.int32))
-    assert not foresight.foresee(60, 5).any()
+    gain_board = GainBoard(observer, board, LIMIT, (DITHER, SEED))
+    gain_board.tell(*GainMatrix(observer, board).solve(500), 0)
+    gain_board.follow(0, np.full((10, 2), 1000, np.int32))
+    assert gain_board.foresee(10, 5).all()
+    gain_board.arm()
+    gain_board.follow(50, np.full((10, 2), 1000, np.int32))
+    assert not gain_board.foresee(60, 5).any()
 
 
 @pytest.mark.parametrize("delay", [1, 5])
@@ -100,13 +100,13 @@ def test_what_a_board_filters_is_this_sample_and_an_earlier_one(delay: int) -> N
     observer = Case().observer()
     board = replace(luenberger(observer.h), c=(0.3, -0.2), delay=delay)
     gain = 0.1 * np.arange(1.0, 9.0).reshape(2, 4)
-    foresight = Foresight(observer, board, LIMIT, (0, SEED))
-    foresight.tell(gain, np.array([3.0, -4.0]), 0)
+    gain_board = GainBoard(observer, board, LIMIT, (0, SEED))
+    gain_board.tell(gain, np.array([3.0, -4.0]), 0)
     codes = np.random.default_rng(2).integers(-2000, 2000, (40, 2)).astype(np.int32)
-    foresight.follow(0, codes)
+    gain_board.follow(0, codes)
     other = Board(board, gain, np.array([3.0, -4.0]), observer.latency)
     for row in codes:
         expected = other.drive(row.astype(float))
-    drives = foresight.foresee(40, 1)
+    drives = gain_board.foresee(40, 1)
     np.testing.assert_allclose(drives[0], expected, atol=0.5001)
     assert np.abs(expected).max() > 100.0
