@@ -16,6 +16,7 @@ from hil.verdict.angle import judge_angle
 from hil.verdict.machine import held, judge_machine, mishaps, own_setting
 from hil.verdict.model import judge_model
 from hil.verdict.next_step import after_run
+from hil.verdict.residual import cure
 from hil.verdict.safety import judge_safety
 from hil.verdict.safety import remarks as stops_survived
 
@@ -47,6 +48,9 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     Limits without a record to hold against them are not judged.
     """
     stopped, refused = str(outcome.get("stopped", "")), tuple(outcome.get("refused", ()))
+    counters = outcome.get("counters", {})
+    start = cure(folder, bench) if counters.get("residual_safe") else ""
+    stopped += f"; {start}" if start else ""
     ended_early = bool(stopped) or not result.complete
     too_slow = "HostTooSlow" in outcome.get("failed", ())
     bench_file = shlex.quote(str(folder.bench_path))
@@ -66,10 +70,11 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     at = int(parts["safety"].against)
     reasons = told[:at] + ([stopped] if stopped and not any(stopped in line for line in told) else []) + told[at:]
     unknown = (*outcome.get("unknown", ()), *outcome.get("plugins", ()))
-    remarks = (*stops_survived(outcome), *refused, *unknown, *mishaps(result, outcome.get("counters", {})))
+    remarks = (*stops_survived(outcome), *refused, *unknown, *mishaps(result, counters))
     verdict = _verdict(parts, ended_early)
     holds = None if late is None else held(late, bench, own_setting(bench, min(latency_ticks, 1)))
-    return Judgement(verdict, parts, tuple(reasons), remarks, after_run(verdict, parts, folder, result), holds)
+    after = start.rpartition(": ")[2] or after_run(verdict, parts, folder, result)
+    return Judgement(verdict, parts, tuple(reasons), remarks, after, holds)
 
 
 def judge_again(folder: RunFolder, result: Result) -> Result:

@@ -17,7 +17,7 @@ from hil.report.page import render
 from hil.scoring.score import score
 from hil.toml.reading import toml_value
 from tests.plugins.direct import Driven, drive_directly
-from tests.plugins.running import bench, ran
+from tests.plugins.running import OWN, bench, ran
 from tests.running import gyro
 
 MASS_KG, RATE_RAD_S = 1e-3, 0.5
@@ -260,3 +260,27 @@ def test_what_cannot_be_is_refused_in_one_line(tmp_path: Path, changes: Mapping[
 def test_the_mode_of_before_has_no_plug_in_left() -> None:
     back = override(declared("mode_reversal"), {"controller": {"mode": "whole_angle"}}, "test")
     assert (back.observer.plugin, back.controller.plugin) == (None, None)
+
+
+@pytest.mark.parametrize("mode", ["force_to_rebalance", "mode_reversal", "classic_whole_angle"])
+def test_a_start_that_exceeds_the_limit_of_the_innovation_names_the_cure(tmp_path: Path, mode: str) -> None:
+    """From rest to 1000 times the noise: [limits] residual_safe = 100 stops it on the way."""
+    changes: dict[str, Any] = {"controller": {"mode": mode}, "limits": {"residual_safe": 100.0}}
+    result = ran(tmp_path, override(bench(), changes, "test")).result
+    assert result is not None
+    assert result.verdict == "interrupted"
+    assert "residual_safe = 100 × the noise; the largest was " in result.reasons[0]
+    told = "set [limits] residual_safe = "
+    assert result.next is not None
+    assert result.next.startswith(told)
+    assert result.reasons[0].endswith(result.next)
+    cured = override(bench(), changes | {"limits": {"residual_safe": float(result.next.removeprefix(told))}}, "test")
+    assert not (ran(tmp_path / "cured", cured).result or result).counters["residual_safe"]
+
+
+def test_a_plug_in_that_converges_too_late_is_told_of_acquisition_s(tmp_path: Path) -> None:
+    changes = {"limits": {"residual_safe": 1e-3}}
+    result = ran(tmp_path, override(bench(observer=OWN), changes, "test")).result
+    assert result is not None
+    assert result.next is not None
+    assert result.next.startswith("if the plug-in needs longer to find the motion, set [observer] acquisition_s")
