@@ -14,10 +14,14 @@ from typing import Any, NoReturn
 
 from hil.errors import InputError, printable, refusal_of
 from hil.errors.ending import ExitCode, ending_of
+from hil.errors.input import Refusal
 from hil.errors.interruption import take_signals
 from hil.running.process.start import started_ahead
 
 _RENAMED = {("trace", "--force"): "--missing-force", ("trace", "--no-force"): "--no-missing-force"}
+_SERVE = {"emulate", "serve"}
+"""Verbs that are told to end, after their one document."""
+_AGAIN = "run the command again"
 _BARE = {"trace", "import", "export", "show", "ls", "check", "diff", "init"}
 """Verbs that have no board, no processes and no run folder which an interruption has to bring to an end."""
 
@@ -48,6 +52,8 @@ def _runs(arguments: list[str]) -> bool:
 def _leave() -> NoReturn:
     """End at once: nothing is open that would have to be brought to an end."""
     os.write(2, b"hil: interrupted\n")
+    if "--json" in sys.argv:
+        os.write(1, _as_json(refusal_of("interrupted", _AGAIN), ExitCode.INTERRUPTED).encode() + b"\n")
     os._exit(ExitCode.INTERRUPTED)
 
 
@@ -57,22 +63,31 @@ def execute(arguments: list[str]) -> int:
     """
     import typer
 
-    from hil.cli.app import app
+    from hil.cli.app import Stopped, app
 
+    words = ""
     try:
         code = app(args=arguments or ["--help"], prog_name="hil", standalone_mode=False)
     except (KeyboardInterrupt, typer.Abort):
         code = ExitCode.INTERRUPTED
+    except Stopped as stopped:
+        code, words = ExitCode.INTERRUPTED, str(stopped)
     except Exception as error:  # noqa: BLE001 - whatever it was, it is told in one line
         misused = _misused(error, arguments)
         ending = ending_of(error if misused is None else InputError(misused), keep=True)
         _say(ending.line)
         if "--json" in arguments:
-            print(json.dumps({**refusal_of(ending.line)._asdict(), "exit_code": int(ending.code)}))
+            print(_as_json(refusal_of(ending.line), ending.code))
         return ending.code
     if code == ExitCode.INTERRUPTED:  # newer typers return it, older ones raise
         _say("interrupted")
+        if "--json" in arguments and not _SERVE & set(arguments[:1]):
+            print(_as_json(refusal_of(words or "interrupted", _AGAIN), ExitCode.INTERRUPTED))
     return int(code or 0)
+
+
+def _as_json(told: Refusal, code: ExitCode) -> str:
+    return json.dumps({**told._asdict(), "exit_code": int(code)})
 
 
 def _misused(error: Exception, arguments: list[str]) -> str | None:

@@ -1,6 +1,8 @@
 """The table of verbs."""
 
-from typing import Annotated
+from collections.abc import Callable
+from functools import wraps
+from typing import Annotated, Any
 
 import typer
 
@@ -26,6 +28,23 @@ from hil.cli.serve import serve
 from hil.cli.sweep import sweep
 from hil.cli.top import top
 from hil.cli.trace import trace
+
+
+class Stopped(Exception):
+    """A verb that was interrupted, with the words of its interruption: typer forgets those of a KeyboardInterrupt."""
+
+
+def telling(verb: Callable[..., None]) -> Callable[..., None]:
+    """The verb, which raises Stopped where it is interrupted."""
+
+    @wraps(verb)
+    def told(*args: Any, **options: Any) -> None:
+        try:
+            verb(*args, **options)
+        except KeyboardInterrupt as interruption:
+            raise Stopped(str(interruption)) from None
+
+    return told
 
 
 def _version(asked: bool) -> None:
@@ -60,4 +79,4 @@ VERBS = (
     diff, check, import_, export, generate, key, serve, top,
 )  # fmt: skip
 for verb in VERBS:
-    app.command(verb.__name__.rstrip("_"))(verb)
+    app.command(verb.__name__.rstrip("_"))(telling(verb))

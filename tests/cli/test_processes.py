@@ -89,6 +89,19 @@ def test_interrupted_run_goes_safe_and_closes_its_record(start: Start, tmp_path:
     assert (folder / "report.html").stat().st_size > 0
 
 
+def test_an_interrupted_run_tells_its_folder_as_json(start: Start, tmp_path: Path) -> None:
+    host = start("run", "s-slow", "--json")
+    wait_for(host, "run")
+    (folder,) = (tmp_path / "runs").iterdir()
+    while not (folder / "capture.arrow").stat().st_size:
+        assert host.poll() is None
+    host.send_signal(signal.SIGINT)
+    code, out, _ = finished(host)
+    told = json.loads(out)
+    assert (code, told["exit_code"], told["remedy"]) == (130, 130, "run the command again")
+    assert f"runs/{folder.name}" in told["error"]
+
+
 def test_terminated_emulator_is_gone(start: Start, tmp_path: Path) -> None:
     board = start("emulate", "s-slow", "--truth", "truth.arrow")
     assert line_of(board, "stdout").startswith("ready serial:/dev/pts/")
