@@ -145,9 +145,15 @@ def _drive(bench: Tables, identity: Mapping[str, Any] | None) -> Iterator[Derive
     if identity is not None:
         codes = int(bench.drive_limit_mps2 / Fraction(float(identity["drive_scale_mps2"])))
         codes = min(codes, 2 ** (int(identity["drive_bits"]) - 1) - 1)  # drive codes are symmetric about zero
-        text += f"; the limit is {count(codes)} codes"
-        figures |= {"drive_limit_codes": codes}
+        full = board_full_scale_mps2(identity)
+        text += f"; the limit is {count(codes)} codes; by IDENTITY the board's codes end at {quantity(full, 'm/s²')}"
+        figures |= {"drive_limit_codes": codes, "drive_full_scale_of_board_mps2": full}
     yield Derived("drive", text, figures)
+
+
+def board_full_scale_mps2(identity: Mapping[str, Any]) -> float:
+    """Force per mass at the end of the board's drive codes, as it tells them."""
+    return float(identity["drive_scale_mps2"]) * 2.0 ** (int(identity["drive_bits"]) - 1)
 
 
 def _loop(bench: Tables) -> Iterator[Derived]:

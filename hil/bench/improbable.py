@@ -5,9 +5,10 @@ refused when the file is read (`hil.bench.plausible`).
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from typing import Any
 
-from hil.bench.derived import needed_mps2, quality_factors
+from hil.bench.derived import board_full_scale_mps2, needed_mps2, quality_factors
 from hil.bench.modes import frequencies_Hz
 from hil.bench.tables import Tables
 from hil.numbers import percent, quantity, significant
@@ -27,14 +28,27 @@ MEMORY_OF_RUN = 0.5
 LEAST_MEMORY_CYCLES = 20.0
 CLOCK_U = 1e-3
 TARGET_OFF = 0.1
+FULL_SCALE_OFF = 0.01  # a converter's largest code is up to 2^-7 short of its full scale
 DRIVE_OF_LIMIT = 1.25  # what is declared is a data sheet's, known to some percent
 
 
-def questions(bench: Tables) -> list[str]:
-    """What somebody should look at again, as `[section] key: what; usual; slip`; empty where all is usual."""
+def questions(bench: Tables, identity: Mapping[str, Any] | None = None) -> list[str]:
+    """What somebody should look at again, as `[section] key: what; usual; slip`; empty where all is usual.  identity:
+    what the board tells of its codes.
+    """
     if bench.device.resonance_Hz == 0.0:
         return []
-    return [*_mass(bench), *_resonator(bench), *_signals(bench), *_run(bench), *_angles(bench)]
+    beside_board = () if identity is None else _full_scale(bench, identity)
+    return [*_mass(bench), *_resonator(bench), *_signals(bench), *_run(bench), *_angles(bench), *beside_board]
+
+
+def _full_scale(bench: Tables, identity: Mapping[str, Any]) -> Iterator[str]:
+    declared, board = float(bench.device.drive_full_scale_mps2), board_full_scale_mps2(identity)
+    if abs(declared - board) > FULL_SCALE_OFF * board:
+        yield (
+            f"[device.drive] full_scale: {quantity(declared, 'm/s²')} declared; the board's codes end at "
+            f"{quantity(board, 'm/s²')} by IDENTITY; another unit, or a wrong scale in the firmware?"
+        )
 
 
 def beside(finding: str, bench: Tables) -> str:

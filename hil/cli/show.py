@@ -156,7 +156,7 @@ def print_echo(bench: "Bench", identity: Mapping[str, Any] | None = None) -> Non
 
     for line in derived(bench, identity):
         print(printable(f"  {line.name:<18}{line.text}"))
-    for question in questions(bench):
+    for question in questions(bench, identity):
         print(printable(f"question: {question}"))
 
 
@@ -173,7 +173,7 @@ def echo_figures(bench: "Bench", identity: Mapping[str, Any] | None = None) -> d
     from hil.bench.derived import derived, figures_of
     from hil.bench.improbable import questions
 
-    return {"derived": figures_of(derived(bench, identity)), "questions": questions(bench)}
+    return {"derived": figures_of(derived(bench, identity)), "questions": questions(bench, identity)}
 
 
 def _print_tables(result: "Result", report: Path) -> None:

@@ -11,6 +11,7 @@ from hil.bench import Bench, examples, load_any_bench, load_bench
 from hil.bench.derived import derived, figures_of
 from hil.bench.improbable import questions
 from hil.bench.template import template, values_of
+from hil.numbers import quantity
 from hil.records.runfolder import RunFolder
 from hil.report.page import render
 from hil.wire.spec import SPEC
@@ -51,6 +52,15 @@ def test_the_figures_are_those_of_the_matrices(tmp_path: Path) -> None:
     assert found["drive_needed_of_limit"] == pytest.approx((max(abs(stiffness - target)) * 1e-4 + rest) / 10.0)
     assert found["drive_limit_codes"] == 9_999  # the double 1e-3 is a little more than a thousandth
     assert found["loop_rate_Hz"] == 4000
+
+
+@pytest.mark.parametrize(("full_scale", "asked"), [(10.0, 0), (1000.0, 1), (1.0, 1)])
+def test_a_full_scale_that_is_not_the_board_s_is_questioned(tmp_path: Path, full_scale: float, asked: int) -> None:
+    bench = of(tmp_path, MINIMAL.replace("full_scale = 10", f"full_scale = {full_scale}"))
+    board = IDENTITY | {"drive_scale_mps2": 10.0 / 2**15}
+    where = f"[device.drive] full_scale: {quantity(full_scale, 'm/s²')} declared; the board's codes end at 10.0"
+    assert sum(one.startswith(where) for one in questions(bench, board)) == asked
+    assert figures_of(derived(bench, board))["drive_full_scale_of_board_mps2"] == pytest.approx(10.0)
 
 
 def test_the_drive_limit_in_codes_has_a_negative(tmp_path: Path) -> None:
