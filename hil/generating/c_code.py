@@ -186,9 +186,15 @@ def generate(
     for name in ("test_golden.c", "Makefile", "gyro_plugin.c"):
         texts[name] = filled(name, {})
     texts[HEADER.name] = HEADER.read_text("ascii")
+    made_here = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in texts.items():
-        write_text(folder / name, text)
+    try:
+        for name, text in texts.items():
+            write_text(folder / name, text)
+    except OSError:
+        if made_here:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
     taken = sizes(folder)
     told = (
         ""

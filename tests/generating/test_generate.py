@@ -1,6 +1,7 @@
 """`hil generate`: what it writes computes what the bench computes, and is clean C."""
 
 import ctypes
+import errno
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -180,3 +181,13 @@ def test_the_command_writes_the_folder_and_keeps_one_that_exists(tmp_path: Path)
     again = hil_says("generate", "s-slow", "--out", str(out))
     assert again.returncode == 2
     assert "exists already; give another name, or --replace" in again.stderr
+
+
+def test_a_full_disk_leaves_no_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(path: Path, text: str) -> None:
+        raise OSError(errno.ENOSPC, "no space left on device", str(path))
+
+    monkeypatch.setattr("hil.generating.c_code.write_text", full)
+    with pytest.raises(InputError, match="no space left"):
+        hil.generate("s-slow", out=tmp_path / "estimator")
+    assert not list(tmp_path.iterdir())
