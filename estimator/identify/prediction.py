@@ -176,13 +176,17 @@ def minus_3_dB(step: Array, step_s: float) -> float:
     return float(hertz[last] * (hertz[last + 1] / hertz[last]) ** np.clip(share, 0.0, 1.0))
 
 
+LATE_TICK = "a tick within the delay margin"
+"""What a drive that acts one sample late needs."""
+
+
 def rate_needed_Hz(omega: float, found: Prediction) -> dict[str, float]:
     """Loop rates [Hz], by what needs them, of a device that vibrates at `omega` [rad/s]: samples of a cycle, a drive
     that acts one sample late, both sides of the band.
     """
     needed = {"four samples of a cycle": _LEAST_SAMPLES * omega / (2.0 * math.pi)}
     if found.delay_margin_s:
-        needed["a tick within the delay margin"] = 1.0 / found.delay_margin_s
+        needed[LATE_TICK] = 1.0 / found.delay_margin_s
     if math.isfinite(found.angle_bandwidth_Hz):
         needed["twice the bandwidth of the angle"] = 2.0 * found.angle_bandwidth_Hz
     return needed

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from estimator.identify.prediction import Holding, Loop, Prediction, rate_needed_Hz
+from estimator.identify.prediction import LATE_TICK, Holding, Loop, Prediction, rate_needed_Hz
 from estimator.settings import ObserverSettings
 from hil.bench import Bench
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
@@ -53,15 +53,19 @@ class Advice(NamedTuple):
         walk = told.angle_random_walk_rad_per_rts
         ratio = self.rate_Hz / self.loop_rate_Hz
         why = max(self.needed_Hz, key=lambda name: self.needed_Hz[name])
-        enough = f"{ratio:.3g} × that" if ratio >= 1.0 else f"too slow by {1.0 / ratio:.3g} ×"
         return (
             f"Noise of the angle at a constant rate: {quantity(told.angle_noise_rad, 'rad')} rms.",
             f"Angle random walk: {quantity(walk, 'rad/√s')} ({significant(walk * _RAD_PER_RTS, 3)} °/√h).",
             f"Bandwidth, −3 dB: angle {_hertz(told.angle_bandwidth_Hz)}, rate {_hertz(told.rate_bandwidth_Hz)}.",
             _margin(told, self.omega, self.rate_Hz),
-            f"Loop rate: at least {quantity(self.loop_rate_Hz, 'Hz')} ({why}); the board has "
-            f"{quantity(self.rate_Hz, 'Hz')}, {enough}.",
+            f"Loop rate: {why} needs {quantity(self.loop_rate_Hz, 'Hz')}; the board has "
+            f"{quantity(self.rate_Hz, 'Hz')}, {ratio:.3g} × that{_short(why) if ratio < 1.0 else ''}.",
         )
+
+
+def _short(why: str) -> str:
+    """What a lower rate than that means."""
+    return ": the loop holds while no answer is a tick late" if why == LATE_TICK else ""
 
 
 def predicted(bench: Bench, identity: Identity) -> Prediction:
