@@ -151,11 +151,24 @@ def _require_file(path: Path) -> None:
         raise InputError(f"{path}: is {kind}, and only files are imported; copy what it gives into one")
 
 
+def is_arrow(source: Path) -> bool:
+    """Whether the file is one, stream or file, by its first bytes."""
+    try:
+        with source.open("rb") as file:
+            return file.read(6).startswith((b"\xff\xff\xff\xff", b"ARROW1"))
+    except OSError:
+        return False
+
+
 def open_source(
     path: Path, mapping: RecordMap, map_file: Path | None
 ) -> ParquetSource | MatlabSource | PackagedSource | TextSource:
     """The file at `path` as a source. Raises InputError for a key of the map that has no meaning for its kind."""
     _require_file(path)
+    if is_arrow(path):
+        raise InputError(
+            f"{path}: is an Arrow file; a capture needs no import, give it to `hil trace` or `hil replay` as it is"
+        )
     if is_parquet(path):
         require_keys_act(mapping, ParquetSource.kind, str(path), map_file)
         return ParquetSource(path)
