@@ -10,6 +10,7 @@ from typing import Any
 from hil.errors import InputError
 from hil.errors.input import path_of
 from hil.toml.reading import suggestion
+from hil.wire.regular_file import what_instead
 
 
 def directory() -> Path:
@@ -40,6 +41,9 @@ def find(kind: str, name: str, *, beside: Path | None = None) -> Path:
     for place in places:
         if place.is_file():
             return place
+    for place in places:
+        if place.exists():
+            raise InputError(f"{name}: is {what_instead(place)}; give a {kind} file, or the name of an example")
     bare = Path(name).name.removesuffix(f".{kind}.toml")
     raise InputError(f"{name}: no such {kind} file, and no example of that name; {suggestion(bare, names(kind))}")
 

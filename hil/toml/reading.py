@@ -22,6 +22,8 @@ from hil.wire.toml_bounds import MOST_BYTES, beyond
 Model = TypeVar("Model", bound=BaseModel)
 
 _TWICE = re.compile(r"Cannot (?:declare (\(.+\)) twice|overwrite a value) \((at .+?)(?:, column \d+)?\)")
+_MOST, _NEAREST = 25, 5
+"""Of a longer list than the keys of a table have, so many are told."""
 _EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",
@@ -117,10 +119,13 @@ def near_or_all(word: str, there: Sequence[str]) -> str:
 
 
 def suggestion(word: str, known: Sequence[str]) -> str:
-    """``did you mean …?`` for a near miss, otherwise the list of what is known."""
+    """``did you mean …?`` for a near miss, otherwise the list of what is known, of a long one the nearest."""
     near = difflib.get_close_matches(word, known, n=1, cutoff=0.6)
     if near:
         return f"did you mean {near[0]}?"
+    if len(known) > _MOST:
+        nearest = difflib.get_close_matches(word, known, n=_NEAREST, cutoff=0.0)
+        return f"the nearest of {len(known)} known: {', '.join(nearest)}"
     return f"known: {', '.join(known)}" if known else "none is known"
 
 

@@ -3,15 +3,18 @@
 Through the real command line, in this process; whole processes where a process of the bench's own is at work.
 """
 
+import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
 from device_emulator.section import ScenarioError
+from hil.bench import load_any_bench
 from hil.bench.examples import find
 from hil.cli import execute
+from hil.errors import InputError
 from hil.wire.links import open_link
 from tests.cli.conftest import Hil
 from tests.cli.test_errors import refused
@@ -244,3 +247,31 @@ def test_a_name_that_no_folder_has_is_refused_in_words(hil: Hil, tmp_path: Path,
         assert "^" not in line
         assert line.endswith(("a letter or digit first", "has 100 at most")), line
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize(("made", "kind"), [(Path.mkdir, "a directory"), (os.mkfifo, "a named pipe")])
+def test_a_bench_that_is_no_file_is_told_as_what_it_is(
+    hil: Hil, tmp_path: Path, made: Callable[[Path], None], kind: str
+) -> None:
+    made(tmp_path / "there")
+    assert refused(hil("run", "there")).startswith(f"there: is {kind}; give a bench file")
+
+
+def test_a_folder_called_as_an_example_does_not_hide_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "s-slow").mkdir()
+    assert find("bench", "s-slow").name == "s-slow.bench.toml"
+
+
+def test_a_capture_needs_no_import(hil: Hil, tmp_path: Path) -> None:
+    write_run(tmp_path / "run", Options(seconds=0.5))
+    line = refused(hil("import", "run/capture.arrow", "-o", "out.arrow"))
+    assert "is an Arrow file; a capture needs no import, give it to `hil trace`" in line
+
+
+def test_of_many_keys_the_nearest_are_told(tmp_path: Path) -> None:
+    bench = tmp_path / "sensor.bench.toml"
+    bench.write_text(find("bench", "rate-table-crs03").read_text("utf-8") + "\n[limits]\nangle_rad = 1.0\n", "utf-8")
+    with pytest.raises(InputError, match=r"\[limits\] angle_rad: unknown key; the nearest of \d+ known: ") as refusal:
+        load_any_bench(bench)
+    assert str(refusal.value).count("_rad") >= 3
