@@ -264,10 +264,5 @@ def covariance(fitted: FittedModel) -> Array:
     """(k, k) of a model's parameters: the inverse of the information, each deviation wider by how much more its own
     estimate scatters from part to part of the record than white innovations let it (White, Econometrica 50, 1982).
     """
-    inverse = np.linalg.inv(fitted.posterior_information)
-    scores = fitted.evaluation.score / fitted.evaluation.scale
-    steps = (scores - scores.mean(axis=0)) @ inverse
-    parts = len(steps)
-    scatter = parts / (parts - 1.0) * np.sum(steps**2, axis=0) / np.diagonal(inverse)
-    wider = np.sqrt(np.maximum(scatter, 1.0))
+    inverse, wider = np.linalg.inv(fitted.posterior_information), np.sqrt(fitted.widening)
     return np.asarray(inverse * np.outer(wider, wider))

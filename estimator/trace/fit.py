@@ -111,11 +111,23 @@ class FittedModel:
         inverse = np.linalg.pinv(self.posterior_information, hermitian=True)
         return max(float(np.sum(inverse * (scores.T @ scores))) / len(inverse), 1.0)
 
-    def gain_over(self, other: "FittedModel") -> float:
+    @cached_property
+    def widening(self) -> Array:
+        """(k,) the same of each parameter's own estimate, in variance, 1 where it scatters by no more."""
+        inverse = np.linalg.inv(self.posterior_information)
+        scores = self.evaluation.score / self.evaluation.scale
+        steps = (scores - scores.mean(axis=0)) @ inverse
+        parts = len(steps)
+        scatter = parts / (parts - 1.0) * np.sum(steps**2, axis=0) / np.diagonal(inverse)
+        return np.asarray(np.maximum(scatter, 1.0))
+
+    def gain_over(self, other: "FittedModel", name: str | None = None) -> float:
         """Twice the gain of log-likelihood over another model, as far as the record is sure of it, less what the
-        parameters cost that this one has more (Schwarz, Annals of Statistics 6, 1978).
+        parameters cost that this one has more (Schwarz, Annals of Statistics 6, 1978).  name: the effect that the other
+        lacks, of which the record is then as sure as the intervals of its coefficients say.
         """
-        return self.rise_over(other) / self.scatter - self._price_beside(other)
+        scatter = self.scatter if name is None else float(np.mean(self.widening[self.layout.of(name)]))
+        return self.rise_over(other) / scatter - self._price_beside(other)
 
     def gain_of(self, name: str) -> float:
         """`gain_over` the model with one effect less, by the parabola that the likelihood is at its top."""

@@ -33,7 +33,7 @@ def probabilities(
     classes = []
     for name, without in evidence.without.items():
         # Beside the named effect, as the model without it may be one that loses the motion: likelihood zero.
-        weights = {"nothing": -evidence.model.gain_over(without), kind(name): 0.0, "something else": other}
+        weights = {"nothing": -evidence.model.gain_over(without, name), kind(name): 0.0, "something else": other}
         weights |= {kind(member.name): -member.deficit for member in groups[name]}
         classes.append(_classes(kind(name), weights))
     return tuple(classes)
