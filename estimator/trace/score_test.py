@@ -5,7 +5,7 @@ gain if the likelihood were a parabola; the solution of its normal equations is 
 """
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -15,7 +15,7 @@ from estimator.core.layout import MAX_EFFECTS, MAX_SIGNALS
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.trace.fit import FittedModel, beside
-from estimator.trace.likelihood import Evaluation, Likelihood, Model
+from estimator.trace.likelihood import Evaluation, Likelihood
 from estimator.trace.problem import Effects
 
 
@@ -25,7 +25,7 @@ class Score:
 
     gain: twice the gain of log-likelihood; size, deviation (c,) of its coefficients, scaled, none of a sign that
     physics forbids; scatter: by how much more than noise its score differs from part to part of the record, 1 where it
-    does not; given: its parameters, SI; beside: the model that it was tested beside.
+    does not; given: its parameters, SI.
     """
 
     name: str
@@ -34,7 +34,6 @@ class Score:
     deviation: Array
     scatter: float
     given: Mapping[str, float]
-    beside: Model | None = None
 
     @property
     def robust(self) -> float:
@@ -71,7 +70,7 @@ def tested_in(seen: Evaluation, own: int, scale: float) -> Tested:
 def score_test(of: Likelihood, fitted: FittedModel, effects: Effects) -> tuple[Score, ...]:
     """The scores of effects beside a fitted model, the largest gain first, each with a prior of its plausible size."""
     scores = [
-        replace(score, beside=fitted.model)
+        score
         for seen in tested_beside(of, fitted, effects)
         for score in scores_in(of, seen, fitted.prior_deviation, effects)
     ]

@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import zip_longest
 
 import numpy as np
 
@@ -12,19 +11,17 @@ from estimator.effects.labels import kind
 from estimator.scaling import Array
 from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
-from estimator.trace.fit import PRIOR, ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
+from estimator.trace.fit import ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
 from estimator.trace.likelihood import RARE, TIE, Layout, Likelihood, Model
 from estimator.trace.problem import Progress, unseen
 from estimator.trace.score_test import Score, score_test
 
 SHORTLIST = THRESHOLDS.candidates.strongest
-"""Kinds of effects that are fitted in a round: one of the two tables of scores has the right one first or second."""
+"""Kinds of effects that are fitted in a round."""
 QUICK = 8_000
 """Samples on which the shortlist is fitted first."""
 FORBIDDEN = chi2_isf(2.0 * RARE, 1.0) ** 0.5
 """Deviations below zero of a coefficient that physics makes positive, beyond which it is no such effect."""
-QUIETER = 100.0
-"""By how much less random force the scores are taken once more, and again."""
 
 
 @dataclass(frozen=True)
@@ -77,11 +74,11 @@ def forward(
     kinds = 1
     for step in range(len(now.model.effects) - len(of.effects), of.most):
         progress("effects", step, of.most)
-        tables = scored(of, now)
-        kinds = max(kinds, len({kind(score.name) for score in tables[0]}))
-        ranked = fitted_candidates(of, now, shortlisted(of, tables, now.evaluation.share * margin(kinds)))
+        table = score_test(of, now, of.candidates(now.model, now.evaluation))
+        kinds = max(kinds, len({kind(score.name) for score in table}))
+        ranked = fitted_candidates(of, now, shortlisted(table, now.evaluation.share * margin(kinds)))
         best = first_possible(of, ranked)
-        rounds.append(Round(now, tables[0], tuple(ranked)))
+        rounds.append(Round(now, table, tuple(ranked)))
         if best is None or not best[1].surplus_over(now) > margin(kinds):
             break
         now = best[1]
@@ -119,41 +116,12 @@ def _from(of: Likelihood, quick: FittedModel) -> FittedModel:
     return advanced(of, at(of, quick.layout, quick.model))
 
 
-def scored(of: Likelihood, fitted: FittedModel) -> tuple[tuple[Score, ...], ...]:
-    """The scores of all candidates beside a model (`score_test`); and where it leaves a random force larger than
-    declared, the same at the quieter one where the best of them explains most: there effects look less alike, and the
-    innovation shows where their frequencies are.
-
-    A model that what it lacks has driven from what is declared says nothing of what that is: the quieter scores are
-    then taken with the constants as declared.
-    """
-    table = best = score_test(of, fitted, of.candidates(fitted.model, fitted.evaluation))
-    now, quietest = fitted, of.declared_noise().force
-    if np.any(fitted.off_declared > PRIOR):
-        theta = np.where([owner == "" for owner in fitted.layout.owner], fitted.layout.mean, fitted.model.theta)
-        now = replace(fitted, model=replace(fitted.model, theta=theta))
-    while now.model.noise.force > quietest * QUIETER:
-        noise = replace(now.model.noise, force=now.model.noise.force / QUIETER)
-        now = at(of, fitted.layout, replace(now.model, noise=noise))
-        if not now.evaluation.sound:
-            break
-        found = score_test(of, now, of.candidates(now.model, now.evaluation))
-        if max(one.gain for one in found) <= max(one.gain for one in best):
-            break
-        best = found
-    return (table,) if best is table else (table, best)
-
-
-def shortlisted(of: Likelihood, tables: tuple[tuple[Score, ...], ...], least: float) -> list[Score]:
-    """The best of each kind, the largest gain first, from each of the tables in turn, as many as are fitted; none that
-    gains less than `least` or has a sign that physics forbids.
-    """
+def shortlisted(table: Sequence[Score], least: float) -> list[Score]:
+    """The best of each kind, the largest gain first, as many as are fitted; none that gains less than `least`."""
     best: dict[str, Score] = {}
-    orders = [[one for one in table if one.gain > least] for table in reversed(tables)]
-    for turn in zip_longest(*orders):
-        for score in turn:
-            if score is not None:
-                best.setdefault(kind(score.name), score)
+    for score in table:
+        if score.gain > least:
+            best.setdefault(kind(score.name), score)
     return list(best.values())[:SHORTLIST]
 
 
@@ -173,9 +141,8 @@ def forbidden(of: Likelihood, name: str, size: Array, deviation: Array) -> bool:
 
 
 def with_effect(of: Likelihood, fitted: FittedModel, score: Score) -> FittedModel:
-    """The model with one more effect, from the size that the score test tells beside the model it was taken with."""
-    begun = fitted if score.beside is None else replace(fitted, model=score.beside)
-    layout, model = joined(of, begun, score.name, score.given, score.size)
+    """The model with one more effect, from the size that the score test tells."""
+    layout, model = joined(of, fitted, score.name, score.given, score.size)
     starts = [at(of, layout, one) for one in (model, _where_tested(layout, model, score.name)) if one is not None]
     found = maximise(of, max(starts, key=lambda one: one.objective), ROUGH)
     if not found.evaluation.sound or found.objective < fitted.objective:

@@ -9,10 +9,8 @@ import pytest
 
 from estimator.trace import search as search_module
 from estimator.trace.ambiguity import exchanged, members
-from estimator.trace.fit import at
-from estimator.trace.likelihood import Model, Noise
 from estimator.trace.score_test import Score
-from estimator.trace.search import backward, margin, scored, search, shortlisted, with_effect, without_effect
+from estimator.trace.search import backward, margin, search, shortlisted, with_effect, without_effect
 from tests.trace.linear import Linear, effect, fitted, made
 from tests.trace.plain import Array
 
@@ -120,58 +118,11 @@ def table(*gains: tuple[str, float]) -> tuple[Score, ...]:
     return tuple(Score(name, gain, none, none, 1.0, {}) for name, gain in gains)
 
 
-def test_the_shortlist_has_the_best_of_each_kind_from_each_table_in_turn() -> None:
-    names = ("a:1", "a:2", "b", "c", "d", "e", "f", *(f"e{k}" for k in range(9)))
-    of = replace(orthogonal(a=(1, 60.0)), declared={name: effect(name, 1) for name in names})
-    loud = table(("a:1", 90.0), ("a:2", 80.0), ("b", 70.0), ("c", 60.0), ("d", 9.0))
-    quiet = table(("e", 50.0), ("b", 40.0), ("f", 30.0))
-    assert [one.name for one in shortlisted(of, (loud, quiet), 10.0)] == ["e", "a:1", "b"]
-    assert [one.name for one in shortlisted(of, (loud,), 70.0)] == ["a:1"]
-    many = table(*[(f"e{k}", 99.0 - k) for k in range(9)])
-    assert [one.name for one in shortlisted(of, (many,), 0.0)] == [f"e{k}" for k in range(3)]
-
-
-@pytest.mark.parametrize(
-    ("force", "grows", "forces", "best"),
-    [(50.0, 3.0, [50.0], None), (3e5, 3.0, [3e5, 3e3, 30.0], 30.0), (3e3, 0.5, [3e3, 30.0], None)],
-)
-def test_scores_are_taken_at_the_quieter_force_where_one_explains_most(
-    force: float, grows: float, forces: list[float], best: float | None
-) -> None:
-    of, seen = orthogonal(a=(1, 60.0)), []
-
-    class Seen(Linear):
-        def evaluate(self, layout, model, **given):  # type: ignore[no-untyped-def]
-            one = super().evaluate(layout, model, **given)
-            if not given.get("tested"):
-                return one
-            seen.append(model.noise.force)
-            return replace(one, score=one.score * grows ** (len(seen) - 1))
-
-    loud = Seen(**vars(of))
-    layout = loud.layout({})
-    tables = scored(loud, at(loud, layout, Model({}, np.zeros(2), Noise((1.0,), force, 0.0))))
-    assert seen == pytest.approx(forces)
-    assert [one.beside.noise.force for (one,) in tables if one.beside] == pytest.approx(
-        [force, best or force][: len(tables)]
-    )
-    assert len(tables) == (1 if best is None else 2)
-
-
-def test_quieter_scores_beside_a_model_out_of_its_priors() -> None:
-    of, seen = orthogonal(a=(1, 60.0)), []
-
-    class Seen(Linear):
-        def evaluate(self, layout, model, **given):  # type: ignore[no-untyped-def]
-            if given.get("tested"):
-                seen.append(model.theta)
-            return super().evaluate(layout, model, **given)
-
-    loud = Seen(**vars(of))
-    layout = loud.layout({})
-    far = layout.mean + np.array([5.0, 0.0]) * layout.deviation
-    scored(loud, at(loud, layout, Model({}, far, Noise((1.0,), 150.0, 0.0))))
-    assert [list(one) for one in seen] == [list(far), list(layout.mean)]
+def test_the_shortlist_has_the_best_of_each_kind() -> None:
+    found = table(("a:1", 90.0), ("a:2", 80.0), ("b", 70.0), ("c", 60.0), ("d", 50.0))
+    assert [one.name for one in shortlisted(found, 10.0)] == ["a:1", "b", "c"]
+    assert [one.name for one in shortlisted(found, 70.0)] == ["a:1"]
+    assert shortlisted((), 0.0) == []
 
 
 def test_two_equal_effects_are_one_group_and_one_beside_them_is_not() -> None:
