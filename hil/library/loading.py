@@ -10,7 +10,6 @@ from hil.errors import InputError
 from hil.errors.input import path_of
 from hil.library.keywords import said_of_arguments
 from hil.library.series import Series
-from hil.records.attitude import AttitudeRecord, AttitudeResult, load_attitude_result, read_attitude
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates, Innovation
 from hil.records.listing import named, named_trace
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from hil.bench import Bench
+    from hil.records.attitude import AttitudeRecord, AttitudeResult
     from hil.records.diagnosis import Diagnosis, Effect, Separation
     from hil.records.result import Result
 
@@ -151,8 +151,10 @@ class AttitudeRun(Run):
         return tuple(Run(RunFolder.open(self.path / axis.run)) for axis in self.figures.axes)
 
     @cached_property
-    def figures(self) -> AttitudeResult:
+    def figures(self) -> "AttitudeResult":
         """As in attitude.json: verdict, quaternion at the end with its uncertainty, coning, what stopped all."""
+        from hil.records.attitude import load_attitude_result  # models, which arrays do not need
+
         return load_attitude_result(self.path)
 
     @property
@@ -183,11 +185,13 @@ class AttitudeRun(Run):
         return self._record.quaternion
 
     @cached_property
-    def _record(self) -> AttitudeRecord:
+    def _record(self) -> "AttitudeRecord":
         if self.figures.without:
             from hil.errors import InputError
 
             raise InputError(f"{self.path}: no attitude: {self.figures.without}")
+        from hil.records.attitude import read_attitude
+
         return read_attitude(self.path / "attitude.arrow")
 
     def report(self) -> Path:
