@@ -234,8 +234,7 @@ def test_a_board_that_keeps_a_voltage_in_safe_is_not_confirmed(tmp_path, monkeyp
     """STATUS says SAFE; the register does not."""
     monkeypatch.setattr(Registers, "zero_trims", lambda self: self._values.update(dict.fromkeys(self.trims, 5)))
     monkeypatch.setattr("hil.running.process.worker.zeroed", None, raising=False)
-    voltages = lambda _, outputs, __: {o.register: 0.0 for o in outputs}  # noqa: E731
-    monkeypatch.setattr("hil.running.safety.trim_outputs.zeroed", voltages)
+    monkeypatch.setattr("hil.running.safety.trim_outputs.zeroed", lambda _, outs, __: {o.register: 0.0 for o in outs})
     outcome, _ = run(tmp_path / "run", seconds=1.0)
     assert outcome["safety"]["confirmed"] is False
     assert "TRIM_0 is at code 5, its electrode is charged" in outcome["safety"]["words"]
