@@ -22,8 +22,8 @@ def test_another_board_is_not_armed_without_consent(forked: Start, tmp_path: Pat
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_an_interrupted_experiment_ends_in_safe(forked: Start, tmp_path: Path, number: signal.Signals) -> None:
-    host = forked("identify", "pty:s-slow", "-o", "my.bench.toml")
+def test_an_interrupted_experiment_ends_in_safe(start: Start, tmp_path: Path, number: signal.Signals) -> None:
+    host = start("identify", "pty:s-slow", "-o", "my.bench.toml")
     wait_for(host, "search: run")
     host.send_signal(number)
     code, out, err = finished(host)

@@ -91,9 +91,9 @@ def test_a_good_request_answers_with_one_document(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("verb", SERVING)
-def test_what_serves_says_one_document_and_nothing_more(forked: Start, verb: str) -> None:
+def test_what_serves_says_one_document_and_nothing_more(start: Start, verb: str) -> None:
     words, key = SERVING[verb]
-    process = forked(verb, *words, "--json")
+    process = start(verb, *words, "--json")
     assert process.stdout is not None
     first = json.loads(process.stdout.readline())
     assert key in first

@@ -25,6 +25,7 @@ from hil.running.process import supervision  # noqa: F401 - loaded, so that its 
 from hil.wire.messages import Arm, Identity, Message, SafeReason
 from hil.wire.sense import Sense
 from tests.cli.conftest import Start, finished, forked  # noqa: F401
+from tests.cli.conftest import start as started  # noqa: F401
 from tests.cli.test_processes import children_of
 
 from .process import pty_board
@@ -94,12 +95,12 @@ def test_it_is_found_within_its_limits_and_left_safe(
 def test_an_interruption_ends_in_safe(
     built: Path,
     tmp_path: Path,
-    forked: Start,  # noqa: F811
+    started: Start,  # noqa: F811
     number: signal.Signals,
     part: int,
 ) -> None:
     with on_the_line(built) as (_, witness):
-        host = forked("identify", witness.url, "--arm", "-o", "my.bench.toml")
+        host = started("identify", witness.url, "--arm", "-o", "my.bench.toml")
         witness.wait_until_driven(part)
         host.send_signal(number)
         code, out, err = finished(host)
