@@ -120,10 +120,14 @@ def _differences(material: Material, curves: tuple[_Curve, ...]) -> PixelSeries:
     reference = material.reference
     *zeros, origin = material.at_first(reference, given)
     angle = material.at_first(reference, lambda part: [part.estimated("angle_rad")])
+    assert material.estimates is not None
+    scored = material.settle_s <= material.estimates.ends_s[1]
 
     def series(part: Compared) -> list[Floats]:
         *found, along = given(part)
-        differences = [value - zero for value, zero in zip(found, zeros, strict=True)]
+        # Before, the reported angle has another zero, and a pixel that has rows of both would leave the frame.
+        other = scored & (part.t_s < material.settle_s)
+        differences = [np.where(other, np.nan, value - zero) for value, zero in zip(found, zeros, strict=True)]
         return [*differences, along - origin + angle[0]]
 
     return material.compared(reference, series)

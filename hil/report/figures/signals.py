@@ -144,9 +144,13 @@ def _error(material: Material) -> tuple[PixelSeries, tuple[float, float]] | None
         return [part.estimated("angle_rad") - part.angle_rad]
 
     zero = material.at_first(reference, difference)
-    drawn = material.compared(reference, lambda part: [difference(part)[0] - zero[0]])
     first, last = estimates.ends_s
-    return drawn, (first if material.settle_s > last else max(first, material.settle_s), last)
+    begin = first if material.settle_s > last else max(first, material.settle_s)
+    # Before, the angle has another zero, and a pixel that has rows of both would leave the frame.
+    drawn = material.compared(
+        reference, lambda part: [np.where(part.t_s < begin, np.nan, difference(part)[0] - zero[0])]
+    )
+    return drawn, (begin, last)
 
 
 _CYCLES = 6.0
