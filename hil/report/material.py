@@ -137,6 +137,18 @@ class Material:
         parts = self.alone() if reference is None else reference.parts()
         return first_since(((part.t_s, np.stack(series(part), 1)) for part in parts), self.settle_s)
 
+    def from_zero(
+        self, reference: Reference | None, series: Callable[[Compared], list[Floats]]
+    ) -> Callable[[Compared], list[Floats]]:
+        """The same series less what they are where scoring starts. Before that the angle has another zero, and a pixel
+        that has rows of both would leave the frame: NaN there."""
+        assert self.estimates is not None
+        zeros = self.at_first(reference, series)
+        begin = -np.inf if self.settle_s > self.estimates.ends_s[1] else self.settle_s
+        return lambda part: [
+            np.where(part.t_s < begin, np.nan, value - zero) for value, zero in zip(series(part), zeros, strict=True)
+        ]
+
     def alone(self) -> Iterator[Compared]:
         """The estimates beside their own angle, where there is no reference."""
         assert self.estimates is not None

@@ -7,7 +7,6 @@ import numpy as np
 from estimator.spans import spans
 from hil.numbers import COVERAGE, prefix_for, quantity, significant
 from hil.records.estimates import Estimates
-from hil.records.rate_reference import Compared
 from hil.records.table import scored_from_s
 from hil.report.material import Floats, Material
 from hil.report.pixel_series import PixelSeries
@@ -114,20 +113,9 @@ def _differences(material: Material, curves: tuple[_Curve, ...]) -> PixelSeries:
     """Differences of some curves in rad, zero where scoring starts, and behind them the reference itself, put where
     the reported angle is there."""
 
-    def given(part: Compared) -> list[Floats]:
-        return [*(part.estimated(curve.column) - part.angle_rad for curve in curves), part.angle_rad]
-
     reference = material.reference
-    *zeros, origin = material.at_first(reference, given)
-    angle = material.at_first(reference, lambda part: [part.estimated("angle_rad")])
-    assert material.estimates is not None
-    scored = material.settle_s <= material.estimates.ends_s[1]
-
-    def series(part: Compared) -> list[Floats]:
-        *found, along = given(part)
-        # Before, the reported angle has another zero, and a pixel that has rows of both would leave the frame.
-        other = scored & (part.t_s < material.settle_s)
-        differences = [np.where(other, np.nan, value - zero) for value, zero in zip(found, zeros, strict=True)]
-        return [*differences, along - origin + angle[0]]
-
-    return material.compared(reference, series)
+    differences = material.from_zero(
+        reference, lambda part: [part.estimated(curve.column) - part.angle_rad for curve in curves]
+    )
+    (apart,) = material.at_first(reference, lambda part: [part.estimated("angle_rad") - part.angle_rad])
+    return material.compared(reference, lambda part: [*differences(part), part.angle_rad + apart])

@@ -143,14 +143,9 @@ def _error(material: Material) -> tuple[PixelSeries, tuple[float, float]] | None
     def difference(part: Compared) -> list[Floats]:
         return [part.estimated("angle_rad") - part.angle_rad]
 
-    zero = material.at_first(reference, difference)
+    drawn = material.compared(reference, material.from_zero(reference, difference))
     first, last = estimates.ends_s
-    begin = first if material.settle_s > last else max(first, material.settle_s)
-    # Before, the angle has another zero, and a pixel that has rows of both would leave the frame.
-    drawn = material.compared(
-        reference, lambda part: [np.where(part.t_s < begin, np.nan, difference(part)[0] - zero[0])]
-    )
-    return drawn, (begin, last)
+    return drawn, (first if material.settle_s > last else max(first, material.settle_s), last)
 
 
 _CYCLES = 6.0
