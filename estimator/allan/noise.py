@@ -76,7 +76,6 @@ class Noise:
 
     fit: None where the curve is not that of noise alone, or too short for a fit.
     readings: terms that make at least half of σ² somewhere.
-    bias_instability: the flicker, None where it makes less than half of σ² everywhere, or there is no fit.
     bias_bound_rad_s: what it lies below (95 %) by the lowest place of the curve, where that may be of other terms.
     told_s: the longest cluster of which there are ten, None where there is not one.
     lowest_s: where the bound is read; at told_s the curve still falls, and a longer record lowers the bound.
@@ -85,10 +84,14 @@ class Noise:
     curve: AllanDeviation
     fit: Fit | None
     readings: dict[Term, Reading]
-    bias_instability: Reading | None
     bias_bound_rad_s: float | None
     told_s: float | None
     lowest_s: float | None = None
+
+    @property
+    def bias_instability(self) -> Reading | None:
+        """The flicker, None where it makes less than half of σ² everywhere, or there is no fit."""
+        return self.readings.get("flicker")
 
 
 def read_noise(curve: AllanDeviation) -> Noise:
@@ -97,14 +100,14 @@ def read_noise(curve: AllanDeviation) -> Noise:
     told_s = float(curve.tau_s[told[-1]]) if told.size else None
     fit = find_fit(curve)
     if fit is None or not told.size:
-        return Noise(curve, fit, {}, None, None, told_s)
+        return Noise(curve, fit, {}, None, told_s)
     readings = {term: read for term in TERMS if (read := _read(curve, fit, term)) is not None}
     bound = lowest_s = None
     inside = told[curve.tau_s[told] >= fit.from_s]
     if "flicker" not in readings and inside.size:
         lowest = inside[np.argmin(fit.deviation(curve.tau_s[inside]))]
         bound, lowest_s = float(curve.interval(0.95)[1][lowest]) / FLOOR, float(curve.tau_s[lowest])
-    return Noise(curve, fit, readings, readings.get("flicker"), bound, told_s, lowest_s)
+    return Noise(curve, fit, readings, bound, told_s, lowest_s)
 
 
 def find_fit(curve: AllanDeviation) -> Fit | None:

@@ -152,7 +152,7 @@ def _settled(record: Axis) -> Iterator[Block]:
         if late.all():
             yield block
         elif late.any():
-            yield Block(*(None if part is None else part[late] for part in block))  # type: ignore[arg-type]
+            yield block.part(late)
 
 
 def _left(block: Block, told: AxisFigures) -> Floats:
@@ -209,7 +209,7 @@ def _noise(told: AxisFigures, record: Axis, still: list[_Still], within: float =
         for one in still:
             inside = slice(*np.searchsorted(block.tick, (one.first, one.end)))
             if inside.start < inside.stop:
-                piece = Block(*(None if part is None else part[inside] for part in block))  # type: ignore[arg-type]
+                piece = block.part(inside)
                 sums.add(_left(piece, told) - one.level, piece.tick + (one.at - one.first))
     return sums
 

@@ -35,6 +35,10 @@ class Block(NamedTuple):
     temperature: Floats | None
     theta: Floats | None
 
+    def part(self, chosen: "slice | npt.NDArray[np.bool_]") -> "Block":
+        """Those samples."""
+        return Block(*(None if column is None else column[chosen] for column in self))  # type: ignore[arg-type]
+
 
 @dataclass(frozen=True)
 class Axis:
