@@ -37,7 +37,6 @@ from device_emulator.scenario import GapClosing, Optical, Piezo, Piezoresistive,
 
 ELEMENTARY_CHARGE_C = 1.602176634e-19
 _CURVES = {"gap_closing": 1, "optical": 2, "tunnelling": 3}  # as native/sense.h counts them
-_LOWEST_FLICKER_HZ = 1e-3
 _NODES = 6  # of the polynomial that reads the delayed trajectory; error 1e-10 of the amplitude
 
 SENSE = np.dtype(

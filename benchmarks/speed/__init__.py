@@ -26,9 +26,6 @@ ROUNDS = 11
 FAST, SLOW = 5000, 40
 """Samples a round of what takes about a microsecond, and hundreds of them."""
 
-Timed = Callable[[], float]
-"""Seconds for a round of its samples."""
-
 
 def rows(say: Say) -> list[Row]:
     """Every case, in a process whose matrices are multiplied by one thread: several of them, for matrices of 13 rows,

@@ -58,14 +58,9 @@ class FittedModel:
         """Twice the log-likelihood, with the declared constants as measurements; the plausible sizes of effects only
         keep a fit in hand, and say nothing of which effect it is.
         """
-        off = self.off_declared
-        return 2.0 * self.evaluation.log_likelihood - self.evaluation.share * float(off @ off)
-
-    @property
-    def off_declared(self) -> Array:
-        """How many of its declared deviations each of the base model's parameters is off."""
         declared = np.array([owner == "" for owner in self.layout.owner])
-        return np.asarray(np.abs((self.model.theta - self.layout.mean) / self.layout.deviation)[declared])
+        off = ((self.model.theta - self.layout.mean) / self.layout.deviation)[declared]
+        return 2.0 * self.evaluation.log_likelihood - self.evaluation.share * float(off @ off)
 
     @property
     def prior_deviation(self) -> Array:

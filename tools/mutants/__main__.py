@@ -1,9 +1,9 @@
 """`python -m tools.mutants MODULE --tests FILE …`: small changes to a module; does a test fail for each of them?
 
-A change that no test notices, a survivor, is either no change of what is promised, or a promise that is not tested. The
-module is changed in memory, for the tests and for every process that they start; no file is touched. Tests marked slow
-or realtime are left out, unless single ones are named or --slow is given. A trial that takes much longer than the tests
-without a change counts as noticed. Exit code 1 where a change is not noticed.
+A change that no test notices, a survivor, is either no change of what is specified, or of something that no test
+holds. The module is changed in memory, for the tests and for every process that they start; no file is touched. Tests
+marked slow or realtime are left out, unless single ones are named or --slow is given. A trial that takes much longer
+than the tests without a change counts as noticed. Exit code 1 where a change is not noticed.
 """
 
 import argparse
