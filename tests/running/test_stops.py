@@ -510,7 +510,7 @@ def test_what_no_board_does_fails_a_run_that_it_does_not_end(tmp_path: Path, clo
 )
 def test_a_board_that_waits_for_its_processor_in_safe_is_not_accused(tmp_path: Path, at: Any) -> None:
     with served(misbehaving.Starved(1.2, at)) as board:
-        result = go(board, bench(2.5, link={"timeout_s": 0.2}), tmp_path)
+        result = go(board, bench(2.5, link={"timeout_s": 0.6}), tmp_path)
     assert result.parts["safety"].outcome == "good", result.parts["safety"]
 
 
