@@ -66,12 +66,12 @@ def characterise(
 
 def _print(sheet: "DataSheet") -> None:
     from hil.characterising.figures import HEAD, cells, headline
-    from hil.cli.paper import Paper
+    from hil.cli.output import Output
 
-    paper = Paper()
-    paper.table(HEAD, [cells(row) for row in sheet.rows])
-    paper.say()
+    output = Output()
+    output.table(HEAD, [cells(row) for row in sheet.rows])
+    output.say()
     for remark in sheet.remarks:
-        paper.say(remark)
+        output.say(remark)
     _, word, sentence = headline(sheet)
-    paper.say(f"{word}  {sentence}")
+    output.say(f"{word}  {sentence}")

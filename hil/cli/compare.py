@@ -97,7 +97,7 @@ def _diagnosis(folder: Path | None) -> "Diagnosis | None":
     if folder is None:
         return None
     from hil.records.diagnosis import load_diagnosis
-    from hil.records.listing import named_trace
+    from hil.records.runs import named_trace
 
     folder = named_trace(folder)
     return load_diagnosis(folder / "diagnosis.json" if folder.is_dir() else folder)
@@ -114,20 +114,20 @@ def _finish(done: "Compared", record: Path, *, as_json: bool) -> None:
 
 
 def _print(done: "Compared", record: Path) -> None:
-    from hil.cli.paper import Paper
+    from hil.cli.output import Output
     from hil.report.methods import SHORT, headline, sheet_rows, short_cells
     from hil.verdict.next_step import after_comparison
 
-    found, paper = done.methods, Paper()
-    paper.table(SHORT, list(map(short_cells, found.rows)), right=range(1, len(SHORT)), fit=_COLUMNS)
-    paper.say()
+    found, output = done.methods, Output()
+    output.table(SHORT, list(map(short_cells, found.rows)), right=range(1, len(SHORT)), fit=_COLUMNS)
+    output.say()
     head, sheet = sheet_rows(found, short=True)
     if sheet:
-        paper.table(head, sheet, right=range(1, len(head)), fit=_COLUMNS)
-        paper.say()
+        output.table(head, sheet, right=range(1, len(head)), fit=_COLUMNS)
+        output.say()
     for remark in found.remarks:
-        paper.say(remark)
+        output.say(remark)
     _, word, sentence = headline(found)
-    paper.say(f"{word}  {sentence}")
-    paper.say(str(done.folder))
-    paper.say(f"next  {after_comparison(done.folder, found, record=record)}")
+    output.say(f"{word}  {sentence}")
+    output.say(str(done.folder))
+    output.say(f"next  {after_comparison(done.folder, found, record=record)}")

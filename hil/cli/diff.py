@@ -44,21 +44,21 @@ def diff(a: First, b: Second, json: Json = False) -> None:
 
 
 def _print(found: "Comparison") -> None:
-    from hil.cli.paper import Paper
+    from hil.cli.output import Output
 
-    paper = Paper()
+    output = Output()
     for letter, place, verdict in (("A", found.a, found.verdict_a), ("B", found.b, found.verdict_b)):
-        paper.say(f"{letter}  {place}  {verdict or 'no verdict'}")
+        output.say(f"{letter}  {place}  {verdict or 'no verdict'}")
     if found.same_record:
-        paper.say("one record: an uncertainty is the most it can be")
-    paper.say()
+        output.say("one record: an uncertainty is the most it can be")
+    output.say()
     figures = map(_readable, found.figures)
     rows = [(one.name, *_cells(one), one.unit, "apart" if one.apart else "") for one in figures]
-    paper.table(("", "A", "B", "B − A", "", ""), rows, right=(1, 2, 3))
-    paper.say()
-    paper.say("bench files" if found.bench else "bench files: the same")
+    output.table(("", "A", "B", "B − A", "", ""), rows, right=(1, 2, 3))
+    output.say()
+    output.say("bench files" if found.bench else "bench files: the same")
     for key in found.bench:
-        paper.say(f"  {key.name}: {_value(key.a)} → {_value(key.b)}")
+        output.say(f"  {key.name}: {_value(key.a)} → {_value(key.b)}")
 
 
 def _readable(one: "Figure") -> "Figure":

@@ -59,21 +59,21 @@ def print_holds(rows: "list[tuple[str, str, str]]") -> None:
     """The table of what this machine holds on a link; nothing where that was not measured."""
     if not rows:
         return
-    from hil.cli.paper import Paper
+    from hil.cli.output import Output
 
-    paper = Paper()
-    paper.say()
-    paper.table(
+    output = Output()
+    output.say()
+    output.table(
         ("this machine keeps up", "with", ""), [(f"{mode} mode", setting, most) for mode, setting, most in rows]
     )
 
 
 def _print(findings: "list[Finding]") -> None:
-    from hil.cli.paper import Paper
+    from hil.cli.output import Output
 
-    paper = Paper()
+    output = Output()
     for finding in findings:
-        paper.say(f"{finding.state:<8}", style=_STYLES[finding.state], end="")
-        paper.say(f"{finding.subject:<24}{finding.told}")
+        output.say(f"{finding.state:<8}", style=_STYLES[finding.state], end="")
+        output.say(f"{finding.subject:<24}{finding.told}")
         if finding.remedy:
-            paper.say(f"{'':<32}{finding.remedy}")
+            output.say(f"{'':<32}{finding.remedy}")

@@ -93,7 +93,7 @@ def run_folder(place: Path) -> Path:
     """The folder meant by ``place``: `last` is the newest run in runs/, `last-trace` the newest trace, unless a file or
     folder has that name.
     """
-    from hil.records.listing import named
+    from hil.records.runs import named
 
     return named(place)
 

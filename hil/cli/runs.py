@@ -9,7 +9,7 @@ from hil.cli.options import RUNS, Json, Replace
 
 if TYPE_CHECKING:
     from hil.records.diagnosis import Diagnosis
-    from hil.records.listing import Listed
+    from hil.records.runs import Listed
 
 Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="Where runs were recorded.")]
 Junit = Annotated[
@@ -43,7 +43,7 @@ def ls(folder: Folder = RUNS, json: Json = False, junit: Junit = None, replace: 
       hil ls --junit verdicts.xml --replace
     """
     from hil.cli.show import print_json
-    from hil.records.listing import listed
+    from hil.records.runs import listed
 
     if junit is not None:
         from hil.records.kind import fresh
@@ -83,8 +83,8 @@ def show(run: Place, add: Add = None, replace: Replace = False, json: Json = Fal
     from hil.cli.show import finish, finish_attitude
     from hil.errors import InputError
     from hil.records.kind import kind_of
-    from hil.records.listing import listed_kind
     from hil.records.runfolder import RunFolder
+    from hil.records.runs import listed_kind
 
     if add is not None:
         raise InputError(f"--add: {folder} is no trace; give the folder of one, or last-trace")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import typer
 
-from hil.cli.paper import Paper
+from hil.cli.output import Output
 from hil.errors import printable, printable_json
 from hil.errors.ending import ExitCode, is_fault
 
@@ -89,14 +89,14 @@ def finish_attitude(folder: Path, *, as_json: bool) -> NoReturn:
 
 def print_under_test(shown: "Circle | Single") -> None:
     """What an emulated board was started with and why, and what the demonstration was to show."""
-    paper = Paper()
+    output = Output()
     for words in shown.told:
-        paper.say(f"machine    {words}")
+        output.say(f"machine    {words}")
     for one in shown.under_test:
         style, word = ("green", "shown") if one.held else ("red", "not shown")
-        paper.say(f"{word:<11}", style=style, end="")
-        paper.say(one.words)
-    paper.say()
+        output.say(f"{word:<11}", style=style, end="")
+        output.say(one.words)
+    output.say()
 
 
 def print_before_and_after(circle: "Circle") -> None:
@@ -118,7 +118,7 @@ def print_before_and_after(circle: "Circle") -> None:
     print("\nthe loop without it and with it", flush=True)
     labels = ("angle error, rms", "angle per rotation", "rate error, rms", "innovation, rms", _IN_TIME)
     rows = [(label, before.get(label, ""), after.get(label, "")) for label in labels]
-    Paper().table(("", "before", "after"), rows)
+    Output().table(("", "before", "after"), rows)
     if not all(result.kept_up for result in results):
         print(textwrap.fill(f"{TOO_SLOW}; that part is told apart from the model's, below", 80))
     print()
@@ -177,55 +177,55 @@ def echo_figures(bench: "Bench", identity: Mapping[str, Any] | None = None) -> d
 
 
 def _print_tables(result: "Result", report: Path) -> None:
-    paper = Paper()
+    output = Output()
     if result.verdict == "unsafe":
-        paper.say(" UNSAFE ", style=_VERDICT_STYLE["unsafe"], end=" ")
-        paper.say(result.alarm, style="bold red")
-        paper.say()
-    paper.say(result.run, style="bold")
-    paper.say()
+        output.say(" UNSAFE ", style=_VERDICT_STYLE["unsafe"], end=" ")
+        output.say(result.alarm, style="bold red")
+        output.say()
+    output.say(result.run, style="bold")
+    output.say()
     for label, value in _figures(result):
-        paper.say(f"{label:<34}{value}")
+        output.say(f"{label:<34}{value}")
     if result.parameters:
-        paper.say()
-        _print_parameters(paper, result)
-    paper.say()
+        output.say()
+        _print_parameters(output, result)
+    output.say()
     if result.verdict is not None:
-        _print_verdict(paper, result)
+        _print_verdict(output, result)
     for remark in result.remarks[:_REMARKS]:
-        paper.say(f"remark   {remark}")
+        output.say(f"remark   {remark}")
     if (more := len(result.remarks) - _REMARKS) > 0:
-        paper.say(f"remark   … and {more} more in result.json")
+        output.say(f"remark   … and {more} more in result.json")
     if report.exists():
-        paper.say(f"report   {report}")
+        output.say(f"report   {report}")
     if result.next is not None:
-        paper.say(f"next     {result.next}")
+        output.say(f"next     {result.next}")
 
 
-def _print_verdict(paper: Paper, result: "Result") -> None:
+def _print_verdict(output: Output, result: "Result") -> None:
     """The verdict, why the run ended early, and each part: what it came to, why, what to do about it."""
     assert result.verdict is not None
     against = list(result.against)
     named = f": {', '.join(against)}" if result.verdict == "failed" and against else ""
     if result.verdict == "good" and result.angle is not None and result.angle_expanded_rad is None:
         named = "; the angle's uncertainty is unknown"
-    paper.say("verdict  ", end="")
-    paper.say(
+    output.say("verdict  ", end="")
+    output.say(
         f"{result.verdict}{named}", style=_MACHINE_STYLE if against == ["machine"] else _VERDICT_STYLE[result.verdict]
     )
     told = [part.reason for part in result.parts.values()]
     for reason in result.reasons:
         if reason not in told:
-            paper.say(f"         {reason}")
+            output.say(f"         {reason}")
     for name, part in result.parts.items():
         if part.outcome == "unknown" and not part.reason:
             continue
         colour = _MACHINE_STYLE if name == "machine" and part.against else _OUTCOME_STYLE.get(part.outcome, "red")
-        paper.say(f"         {name:<9}", end="")
-        paper.say(f"{part.outcome:<9}", style=colour, end="")
-        paper.say(part.beside_outcome)
+        output.say(f"         {name:<9}", end="")
+        output.say(f"{part.outcome:<9}", style=colour, end="")
+        output.say(part.beside_outcome)
         if part.next is not None and part.next != result.next:
-            paper.say(f"{'':<27}next: {part.next}")
+            output.say(f"{'':<27}next: {part.next}")
 
 
 def _figures(result: "Result") -> Iterator[tuple[str, str]]:
@@ -320,7 +320,7 @@ def _angle(result: "Result") -> Iterator[tuple[str, str]]:
         yield "rotation by drive forces, rms", f"{imperfection} (already subtracted)"
 
 
-def _print_parameters(paper: Paper, result: "Result") -> None:
+def _print_parameters(output: Output, result: "Result") -> None:
     from hil.numbers import plus_minus, unit_for
 
     rows = []
@@ -335,4 +335,4 @@ def _print_parameters(paper: Paper, result: "Result") -> None:
         rows.append((name, value, *(ends or ("declared" if parameter.declared else "not given", "")), truth, unit))
     if all(parameter.truth is None for parameter in result.parameters.values()):
         rows = [(*cells, "", unit) for *cells, _, unit in rows]
-    paper.table(("parameter", "estimate", "95 % interval", "", "truth", ""), rows, right=range(1, 5))
+    output.table(("parameter", "estimate", "95 % interval", "", "truth", ""), rows, right=range(1, 5))

@@ -46,13 +46,13 @@ def finish(
 
 def print_diagnosis(diagnosis: "Diagnosis") -> None:
     """Verdict, how probable, residual, effects, before and after, what cannot be told apart, what was ruled out."""
-    from hil.cli.paper import Paper
+    from hil.cli.output import Output
     from hil.numbers import quantity
     from hil.report.diagnosis.equations import plain
     from hil.report.diagnosis.tables import dependence, estimate, fit_rows, floor_from, force_terms, left_with, probable
 
-    paper, style = Paper(), _STYLE[diagnosis.verdict]
-    say = paper.say
+    output, style = Output(), _STYLE[diagnosis.verdict]
+    say = output.say
     say(diagnosis.record, style="bold", end="  ")
     say(diagnosis.verdict, style=style)
     for reason in (*diagnosis.prepared, *diagnosis.reasons, *diagnosis.undetermined):
@@ -91,7 +91,7 @@ def print_diagnosis(diagnosis: "Diagnosis") -> None:
         say(f"  {dependence(goes)}")
     say()
     head, fits = fit_rows(diagnosis)
-    paper.table(head, fits, right=range(1, len(head)))
+    output.table(head, fits, right=range(1, len(head)))
     if floor := floor_from(diagnosis).strip():
         say(floor)
     if diagnosis.angle_moved_rad is not None:

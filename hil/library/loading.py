@@ -12,8 +12,8 @@ from hil.library.keywords import said_of_arguments
 from hil.library.series import Series
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates, Innovation
-from hil.records.listing import named, named_trace
 from hil.records.runfolder import RunFolder
+from hil.records.runs import named, named_trace
 from hil.records.units import unit_of
 
 if TYPE_CHECKING:

@@ -24,9 +24,9 @@ from hil.library.keywords import in_arguments_of, renamed, said_of_arguments, ta
 from hil.library.live import Live
 from hil.library.loading import AttitudeRun, Run, Trace, folder_of, load_trace
 from hil.progress import Watcher, alarms_only
-from hil.records.listing import RUNS
 from hil.records.methods import Methods
 from hil.records.runfolder import RunFolder
+from hil.records.runs import RUNS
 from hil.replaying.options import ReplayOptions
 from hil.running.options import LocalRunOptions
 from hil.running.process.start import started_ahead

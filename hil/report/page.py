@@ -102,7 +102,7 @@ def _told(material: Material) -> str:
     """What a trace found before this run, when it carries the finding."""
     if material.result.diagnosis is None:
         return ""
-    from hil.report.diagnosis.told import told  # loads what declares the effects: only where there is something to tell
+    from hil.report.trace import told  # loads what declares the effects: only where there is something to tell
 
     return told(material)
 

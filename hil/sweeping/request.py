@@ -11,7 +11,7 @@ from hil.errors import InputError
 from hil.errors.input import path_of, require
 from hil.options import chosen
 from hil.records.kind import fresh
-from hil.records.listing import RUNS
+from hil.records.runs import RUNS
 from hil.sweeping.baseline import read_baseline
 from hil.sweeping.campaign import Campaign
 from hil.sweeping.options import LocalSweepOptions, SweepOptions

@@ -15,9 +15,9 @@ from hil.library.loading import Trace
 from hil.library.verbs import trace
 from hil.progress import untold
 from hil.records.capture import Capture, read_capture
-from hil.records.listing import named
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
+from hil.records.runs import named
 from hil.replaying.options import ReplayOptions
 from hil.running.options import LocalRunOptions
 from hil.sensors.options import RecordOptions

@@ -12,7 +12,7 @@ from hil.errors import InputError
 from hil.records.attitude import AttitudeResult, save_attitude_result
 from hil.records.data_sheet import DataSheet, save_data_sheet
 from hil.records.diagnosis import Diagnosis
-from hil.records.listing import last_run, listed
+from hil.records.runs import last_run, listed
 from hil.service.catalogue.entry import read_entry
 from tests.cli.conftest import Hil
 from tests.cli.diagnoses import explained, save_trace

@@ -27,8 +27,8 @@ from hil.records.direct import DirectRecord
 from hil.records.force import is_force, load_force
 from hil.records.json_file import load as load_json
 from hil.records.kind import fresh
-from hil.records.listing import listed
 from hil.records.result import Result
+from hil.records.runs import listed
 from hil.service.catalogue.entry import read_entry
 from hil.toml.reading import parse_table, read_table
 from tests.interchange.written import T_S, X_V

@@ -9,9 +9,9 @@ from crc32c import crc32c
 from hil.errors import InputError
 from hil.records.atomic import is_sealed, require_unchanged, sealed
 from hil.records.check import check
-from hil.records.listing import listed
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
+from hil.records.runs import listed
 
 BENCH = '[device]\nname = "gyro"\n\n[loop]\nname = "night"\n\n[observer]\nmemory_s = 1.0\n'
 

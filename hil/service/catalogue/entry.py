@@ -19,9 +19,9 @@ from hil.records.atomic import is_occupied, read_json, write_text
 from hil.records.blocks import opened, read_opening
 from hil.records.direct import DirectRecord
 from hil.records.figures import Known, of_run, of_trace
-from hil.records.listing import PARTS, Kind, beside_runs, listed_kind
 from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
+from hil.records.runs import PARTS, Kind, beside_runs, listed_kind
 
 State = Literal["done", "running", "interrupted", "recorded", "unreadable"]
 """running: a process works on it; interrupted: it has no figures, or those of a run that was stopped; recorded: from

@@ -13,7 +13,7 @@ from pydantic import BaseModel, ConfigDict, Field, StringConstraints
 
 from hil.errors import InputError
 from hil.records.figures import HEADLINES
-from hil.records.listing import Kind
+from hil.records.runs import Kind
 from hil.service.catalogue.catalogue import Catalogue
 from hil.service.problems import Problem, Unknown
 

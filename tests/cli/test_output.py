@@ -3,7 +3,7 @@
 import pytest
 
 from hil.bench.data_sheet import FIGURES
-from hil.cli.paper import Paper
+from hil.cli.output import Output
 from hil.records.methods import MethodRow, Methods
 from hil.report.methods import SHORT, sheet_rows, short_cells
 
@@ -19,7 +19,7 @@ def test_a_table_fits_and_has_every_cell(columns: int, capsys: pytest.CaptureFix
     found = Methods(record="r", bench="b", seconds=1.0, window_s=(0.0, 1.0), reference="truth", rows=(ROW,), remarks=())
     head, rows = sheet_rows(found, short=True)
     for heading, cells in ((SHORT, [short_cells(ROW)]), (head, rows)):
-        Paper().table(heading, cells, right=range(1, len(heading)), fit=columns)
+        Output().table(heading, cells, right=range(1, len(heading)), fit=columns)
         printed = capsys.readouterr().out
         assert max(map(len, printed.splitlines())) <= columns
         assert all(word in printed.split() for cell in cells[0] for word in cell.split())
@@ -27,9 +27,9 @@ def test_a_table_fits_and_has_every_cell(columns: int, capsys: pytest.CaptureFix
 
 def test_the_first_column_is_broken_only_where_the_others_need_the_room(capsys: pytest.CaptureFixture[str]) -> None:
     name = ROW.name
-    Paper().table(["method", "mrad"], [[name, "18 000"]], right=(1,), fit=100)
+    Output().table(["method", "mrad"], [[name, "18 000"]], right=(1,), fit=100)
     assert name in capsys.readouterr().out
-    Paper().table(["method", "mrad"], [[name, "18 000"]], right=(1,), fit=len(name) + 7)
+    Output().table(["method", "mrad"], [[name, "18 000"]], right=(1,), fit=len(name) + 7)
     assert name not in capsys.readouterr().out
 
 

@@ -8,7 +8,7 @@ _WIDE = 400  # no table is cut where nobody says how wide the terminal is
 _FIRST, _GAP = 0.34, 2  # of the width for the first column, where the others need the rest; between columns
 
 
-class Paper:
+class Output:
     """Standard output; `head`, `right`: of a table, its headings, and the columns that stand to the right."""
 
     def __init__(self) -> None:
