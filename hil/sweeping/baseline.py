@@ -1,11 +1,13 @@
 """The results of a campaign beside those of an earlier one: which figures got worse, beyond what chance does.
 
-Figures are compared cell by cell (the values of the varied keys), by the logarithm of their size. Runs of one seed are
-paired; without a shared seed the means are compared (Welch). A figure is worse where the mean rose by more than
-`MATERIAL` at a family-wise error of `CHANCE` over all figures and cells (Holm 1979). So is one that more runs lack, or
-an outcome that fewer runs reach (Fisher's exact test).
+Figures are compared by the logarithm of their size: cell by cell (the values of the varied keys), over the cells of
+each value, so that no algorithm hides behind another, and over all. Runs of one seed are paired; without a shared seed
+the means are compared (Welch). A figure is worse where the mean rose by more than `MATERIAL` at a family-wise error of
+`CHANCE` over all of these (Holm 1979). So is one that more runs lack, or an outcome that fewer runs reach (Fisher's
+exact test).
 """
 
+import itertools
 import math
 from collections import defaultdict
 from collections.abc import Sequence
@@ -35,10 +37,13 @@ GATED = (
 _LEAST = {figure.key for figure in FIGURES if figure.name in AT_LEAST}
 _FEWEST = 2
 
+Cell = tuple[str, ...]
+"""A point of a campaign: each varied key with its value."""
+
 
 class Change(NamedTuple):
-    """One figure in one cell, "" being all: its relative change, 0.2 for a fifth more, with its 95 % interval; the
-    chance of as much without one, after Holm; how many runs, and whether it is worse."""
+    """One figure in one cell, or in those of one value, "" being all: its relative change, 0.2 for a fifth more, with
+    its 95 % interval; the chance of as much without one, after Holm; how many runs, and whether it is worse."""
 
     figure: str
     cell: str
@@ -83,14 +88,12 @@ def read_baseline(place: Path, plan: Plan) -> "pyarrow.Table":
 
 
 def changes(new: "pyarrow.Table", old: "pyarrow.Table", campaign: Campaign) -> list[Change]:
-    """Each figure that both have, in each cell that both have; of several cells also all of them together."""
+    """Each figure that both have, in each cell that both have, in those of one value, and in all together."""
     figures = [name for name in (*GATED, *(one.key for one in FIGURES)) if {name} <= _names(new) & _names(old)]
     mine, theirs = (_by_cell(table, campaign, figures) for table in (new, old))
     cells = [cell for cell in mine if cell in theirs]
-    groups = [[cell] for cell in cells] + ([cells] if len(cells) > 1 else [])
     found = []
-    for group in groups:
-        name = group[0] if len(group) == 1 else ""
+    for name, group in _groups(cells).items():
         found += [one for figure in figures if (one := _change(figure, name, group, mine, theirs)) is not None]
     found += [
         one
@@ -100,7 +103,16 @@ def changes(new: "pyarrow.Table", old: "pyarrow.Table", campaign: Campaign) -> l
     return _holm(found)
 
 
-Cells = dict[str, list[dict[str, Any]]]
+def _groups(cells: Sequence[Cell]) -> dict[str, list[Cell]]:
+    """Cells that are looked at together, by what they have in common: each by itself, those of one value, all ("")."""
+    groups = {", ".join(cell): [cell] for cell in cells}
+    for value in dict.fromkeys(itertools.chain.from_iterable(cells)):
+        if 1 < len(of_value := [cell for cell in cells if value in cell]) < len(cells):
+            groups[value] = of_value
+    return groups if len(cells) == 1 else groups | {"": list(cells)}
+
+
+Cells = dict[Cell, list[dict[str, Any]]]
 
 
 def _names(table: "pyarrow.Table") -> set[str]:
@@ -120,8 +132,8 @@ def _keys(campaign: Campaign) -> list[str]:
     return [one.column for one in campaign.vary if any(key != "bench.loop.seed" for key in one.keys)]
 
 
-def _cell(row: Row, campaign: Campaign) -> str:
-    return ", ".join(f"{key} {_shown(row[key])}" for key in _keys(campaign))
+def _cell(row: Row, campaign: Campaign) -> Cell:
+    return tuple(f"{key} {_shown(row[key])}" for key in _keys(campaign))
 
 
 def _shown(value: Any) -> str:
@@ -134,7 +146,7 @@ def _sizes(rows: Sequence[dict[str, Any]], figure: str) -> dict[int, float]:
     return {row["seed"]: sign * math.log(abs(row[figure])) for row in rows if row[figure]}
 
 
-def _change(figure: str, cell: str, group: Sequence[str], mine: Cells, theirs: Cells) -> Change | None:
+def _change(figure: str, cell: str, group: Sequence[Cell], mine: Cells, theirs: Cells) -> Change | None:
     """None where there are too few runs to tell."""
     from scipy.stats import t as student
 

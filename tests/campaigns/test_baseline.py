@@ -11,7 +11,7 @@ from pyarrow import parquet
 import hil
 from hil.errors import InputError
 from hil.sweeping.baseline import GATED, changes, read_baseline
-from hil.sweeping.campaign import Campaign
+from hil.sweeping.campaign import Campaign, Vary
 from hil.sweeping.plan import Plan
 from hil.toml.reading import toml_value
 from tests.campaigns.small import RUNS, plan
@@ -51,6 +51,27 @@ def test_a_planted_fifth_is_found_and_twenty_sweeps_without_are_not_blamed(seeds
     assert {one.figure for one in found} == {"rate_error_rms_rad_s"}
     overall = next(one for one in found if one.cell == "")
     assert overall.low <= 0.2 <= overall.high
+
+
+def test_what_one_algorithm_loses_another_does_not_hide():
+    """In all cells together there is no change, and in one of them are too few runs: those of one value tell."""
+    campaign = CAMPAIGN.model_copy(
+        update={"vary": (*CAMPAIGN.vary, Vary(key="bench.observer.gain", values=("ekf", "fading")))}
+    )
+
+    def of_both(generator, planted=1.0):
+        tables = [
+            results(generator, range(6), 1, factor).append_column("gain", pa.array([name] * 18))
+            for name, factor in (("ekf", planted), ("fading", 1.0 / planted))
+        ]
+        return pa.concat_tables(tables)
+
+    generator = np.random.default_rng(12)
+    old = of_both(generator)
+    for _ in range(20):
+        assert not any(one.worse for one in changes(of_both(generator), old, campaign))
+    found = [one for one in changes(of_both(generator, 1.2), old, campaign) if one.worse]
+    assert [(one.figure, one.cell) for one in found] == [("rate_error_rms_rad_s", "gain ekf")]
 
 
 def test_a_better_figure_and_a_change_of_rounding_are_none():
