@@ -62,6 +62,14 @@ _NOT_OURS = (*_FULL, errno.EROFS, errno.EIO, errno.EFBIG, errno.EMFILE, errno.EN
 _PACKAGES = ("hil", "estimator", "device_emulator")
 
 
+def machine_fault(error: BaseException) -> OSError | None:
+    """The error of this machine behind another one, as a full disk is behind "cannot be written"; None without."""
+    found: BaseException | None = error
+    while found is not None and not (isinstance(found, OSError) and found.errno in _NOT_OURS):
+        found = found.__cause__ or found.__context__
+    return found
+
+
 def told_to_user(error: BaseException) -> str | None:
     """What a user has to know about ``error``, or None when the fault is ours (`hil.errors.ending`).
 

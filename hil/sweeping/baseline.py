@@ -71,7 +71,7 @@ def read_baseline(place: Path, plan: Plan) -> "pyarrow.Table":
 
     inner = place / "results"
     try:
-        table = parquet.read_table(inner if inner.is_dir() else place)
+        table = parquet.read_table(inner if inner.is_dir() else place, page_checksum_verification=True)
     except (OSError, ArrowException) as error:
         told = str(error).partition("\n")[0]
         raise InputError(

@@ -187,21 +187,29 @@ def write_rows(path: Path, rows: Iterable[Row], schema: "pyarrow.Schema") -> Non
     from pyarrow import parquet
 
     with replacing(path) as part:
-        parquet.write_table(pa.Table.from_pylist(list(rows), schema=schema), part, compression="zstd")
+        table = pa.Table.from_pylist(list(rows), schema=schema)
+        parquet.write_table(table, part, compression="zstd", write_page_checksum=True)
 
 
 def read_rows(folder: Path, schema: "pyarrow.Schema", more: Iterable[Row] = ()) -> "pyarrow.Table":
-    """The rows of all files and some more, by their number."""
+    """The rows of all files and some more, by their number. Raises InputError where a file is damaged."""
     import pyarrow as pa
-    from pyarrow import parquet
 
-    tables = [
-        parquet.ParquetFile(found).read().cast(schema) for found in sorted(folder.glob("results/file=*/rows.parquet"))
-    ]
+    tables = [_read(found, schema) for found in sorted(folder.glob("results/file=*/rows.parquet"))]
     waiting = list(more)
     if waiting:
         tables.append(pa.Table.from_pylist(waiting, schema=schema))
     return pa.concat_tables(tables).sort_by("run") if tables else schema.empty_table()
+
+
+def _read(path: Path, schema: "pyarrow.Schema") -> "pyarrow.Table":
+    from pyarrow import ArrowException, parquet
+
+    try:
+        return parquet.ParquetFile(path, page_checksum_verification=True).read().cast(schema)
+    except (OSError, ArrowException, ValueError) as error:
+        told = str(error).partition("\n")[0]
+        raise InputError(f"{path}: damaged ({told:.100}); remove it, and hil sweep makes its runs again") from None
 
 
 def _whole_lines(path: Path) -> Iterator[tuple[dict[str, Any], int]]:

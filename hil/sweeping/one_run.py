@@ -15,7 +15,7 @@ import numpy as np
 
 from hil.bench import Bench
 from hil.bench.template import template, values_of
-from hil.errors import InputError
+from hil.errors import InputError, machine_fault
 from hil.records.atomic import write_sealed
 from hil.records.result import Result, save_result
 from hil.records.runfolder import RunFolder
@@ -57,11 +57,11 @@ def carry_out(task: Task) -> Done:
     with tempfile.TemporaryDirectory(prefix=f"run-{task.run}-", dir=task.scratch) as place:
         try:
             row = _row(task, Path(place))
-        except (InputError, WireError) as error:
-            row = {"outcome": "refused", "reason": str(error).replace(f"{place}/", "")}
-        except ValueError as error:  # of the emulator, whose classes nothing here may import
+        except (ValueError, WireError) as error:  # the emulator's are ValueErrors, which nothing here may import
             if not type(error).__module__.startswith(("device_emulator", "estimator", "hil")):
                 raise
+            if fault := machine_fault(error):
+                raise OSError(fault.errno, fault.strerror, task.scratch or tempfile.gettempdir()) from None
             row = {"outcome": "refused", "reason": str(error).replace(f"{place}/", "")}
     wall = {"seconds": round(time.perf_counter() - began, 3), "host": socket.gethostname(), "pid": os.getpid()}
     return Done(task.run, {name: _finite(value) for name, value in row.items()}, wall)
@@ -114,6 +114,8 @@ def _made(declared: Bench, scenario: Path, folder: Path, options: Mapping[str, A
     write_sealed(folder / "bench.toml", template(values_of(bench), "The bench as run."))
     order = Order(bench.model_dump_json(), request.link, str(folder), truth=str(truth_file))
     outcome = work(order, untold, own_process=False)
+    if ended := outcome["safety"]["recorder"]:
+        raise OSError(ended)
     stopped = str(outcome["stopped"] or "").replace(f"{place}/", "")
     row: Row = {"outcome": "stopped" if stopped else "ran", "reason": stopped or None}
     run = RunFolder(folder)

@@ -66,6 +66,31 @@ def test_results_are_three_files_with_all_rows_in_order(tmp_path: Path, whole: d
 
 
 @pytest.mark.moderate
+def test_a_damaged_file_is_named_and_its_runs_are_made_again(tmp_path: Path, whole: dict[str, bytes]) -> None:
+    """Cut off, or one bit of it another, wherever it may be: told, or of no consequence."""
+    folder, columns = tmp_path / "whole", schema(plan().campaign)
+    first = folder / "results" / "file=00000" / "rows.parquet"
+    good, generator = read_rows(folder, columns), np.random.default_rng(5)
+    data, told = first.read_bytes(), list[str]()
+    for position in generator.integers(0, len(data), 150):
+        flipped = bytearray(data)
+        flipped[position] ^= 1 << int(generator.integers(8))
+        first.write_bytes(flipped)
+        try:
+            assert read_rows(folder, columns).equals(good)
+        except InputError as damage:
+            told.append(str(damage))
+    assert len(told) > 50
+    assert all(line.startswith(f"{first}: damaged (") for line in told)
+    first.write_bytes(data[:5000])
+    with pytest.raises(InputError, match=r"rows\.parquet: damaged .+; remove it, and hil sweep makes its runs again"):
+        read_rows(folder, columns)
+    first.unlink()
+    fill(folder, range(3))
+    assert bytes_in(folder) == whole
+
+
+@pytest.mark.moderate
 @pytest.mark.parametrize("seed", range(5))
 def test_any_order_and_any_number_of_ends_give_the_same_bytes(
     tmp_path: Path, whole: dict[str, bytes], seed: int

@@ -2,6 +2,8 @@
 
 import hashlib
 import json
+import resource
+import signal
 import tomllib
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import pytest
 
 import hil
 from hil import cli
+from hil.errors.ending import line_of
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
 from hil.sweeping.one_run import carry_out
@@ -168,3 +171,18 @@ def test_bound_initial_values_and_scan_of_a_run(swept: hil.Sweep) -> None:
     assert 0.0 < row["bound_pattern_end_rad"] < row["bound_pattern_rms_rad"]
     other = carry_out(made.task(1)).row
     assert other["error_kxx_per_s2"] != row["error_kxx_per_s2"]
+
+
+@pytest.mark.parametrize("room", [200, 20_000], ids=["a file of the run", "the truth"])
+def test_a_run_that_finds_no_room_has_no_row(room: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is to be made again, when there is room: what the disk does is no property of the device."""
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (room, before[1]))
+        with pytest.raises(OSError, match="File too large") as raised:
+            carry_out(plan().task(0))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert "give" in line_of(raised.value)
