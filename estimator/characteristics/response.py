@@ -10,6 +10,7 @@ from estimator.characteristics.regression import Estimate, Floats
 _COHERENT = 0.6
 _SEGMENTS, _SEGMENT = 16, 16
 _ROUNDS = 9  # of moving the reference; two or three are enough where a window is longer than the delay
+_STEPS = 16  # from two terms to as many as there are frequencies
 LEAST = _SEGMENT * (_SEGMENTS + 1) // 2
 """Samples of which there is a response, at least."""
 _REPEATED = 35.0 / 18.0
@@ -59,7 +60,7 @@ def _together(rate: Floats, reference: Floats, sample_rate_Hz: float) -> tuple[F
     told = (together > _COHERENT) & (f > 0.0) & (power > 1e-6 * power.max())
     if np.count_nonzero(told) < 2:
         return None
-    off = np.sqrt((1.0 - together[told]) / (2.0 * together[told] * averages))
+    off = np.sqrt(np.maximum(1.0 - together[told], 0.0) / (2.0 * together[told] * averages))  # by rounding below 0
     return f[told], np.abs(across[told]) / power[told], np.unwrap(np.angle(across[told])), off
 
 
@@ -71,13 +72,13 @@ def _delay(at: Floats, gain: Floats, phase: Floats, off: Floats) -> tuple[float,
     """Delay at the frequency 0, and half its interval: the phase of the low ones is −τ ω + c ω³ + …, in as many terms
     as leave no more than noise."""
     low = _low(at)
-    omega, sd = 2.0 * np.pi * at[low], np.maximum(off[low], 1e-9)
-    seen = phase[low] / sd
-    for terms in range(2, omega.size + 1):
-        columns = np.column_stack([omega ** (2 * k + 1) for k in range(terms)]) / sd[:, None]
+    most, sd = 2.0 * np.pi * float(at[low][-1]), np.maximum(off[low], 1e-9)
+    seen, share = phase[low] / sd, at[low] / at[low][-1]  # of the highest frequency, so that no power overflows
+    for terms in np.unique(np.geomspace(min(2, share.size), share.size, _STEPS).astype(int)):
+        columns = np.column_stack([most * share ** (2 * k + 1) for k in range(terms)]) / sd[:, None]
         scale = np.linalg.norm(columns, axis=0)
         inverse = np.linalg.pinv(columns / scale) / scale[:, None]
-        if float(np.sum((seen - columns @ inverse @ seen) ** 2)) <= _REPEATED * (omega.size - terms):
+        if float(np.sum((seen - columns @ inverse @ seen) ** 2)) <= _REPEATED * (share.size - terms):
             break
     return -float(inverse[0] @ seen), TWO_SIDED * float(np.sqrt(_REPEATED) * np.linalg.norm(inverse[0]))
 

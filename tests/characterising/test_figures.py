@@ -135,6 +135,22 @@ def test_bandwidth_and_delay_of_a_low_pass():
     assert response(white(4000, 1.0, 6), white(4000, 1.0, 7), RATE_HZ) == {}
 
 
+def test_a_phase_that_no_polynomial_describes_still_gives_the_delay():
+    """One pole at 15 Hz and a sample late, next to no noise, steps beside a noise: every term leaves something."""
+    keep = np.exp(-2 * np.pi * 15.0 / RATE_HZ)
+    n = 42_000
+    turned = steps(np.tile([0.0, 0.4, -0.4, 1.2, -1.2, 0.0], 7), n // 42) + 0.05 * white(n, 1.0, 8)
+    late = np.concatenate([[0.0], lfilter([1.0 - keep], [1.0, -keep], turned)[:-1]])
+    found = response(late + white(n, 1e-7, 9), turned, RATE_HZ)["delay"]
+    assert found.value == pytest.approx((keep / (1.0 - keep) + 1.0) / RATE_HZ, rel=0.05)
+
+
+def test_an_output_that_is_its_reference_has_no_delay():
+    """As of an emulator without noise: the coherence is 1 but for rounding, which may be above."""
+    turned = white(8192, 1.0, 10)
+    assert response(0.3 * turned, turned, RATE_HZ)["delay"].value == pytest.approx(0.0, abs=1e-9)
+
+
 @pytest.mark.parametrize("late_s", [0.01, 0.05])
 def test_delay_of_a_table_that_ramps_between_its_rates(late_s):
     """Ramps of 2 s: next to nothing moves faster than a window of the spectrum resolves. The delay is that of the
