@@ -46,9 +46,10 @@ def exchanged(of: Likelihood, best: FittedModel) -> tuple[FittedModel, dict[str,
         found = min(
             (member for group in groups.values() for member in group), key=lambda one: one.deficit, default=None
         )
-        if found is None or found.deficit > -RISE:
+        better = best if found is None or found.deficit > -RISE else settle(of, found.model)
+        if better.criterion < best.criterion + RISE:  # as well where that was only half fitted, or it would never end
             return best, {name: [one for one in group if one.deficit < TIE] for name, group in groups.items()}
-        best = settle(of, found.model)
+        best = better
 
 
 def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:

@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.trace import ambiguity
 from estimator.trace import search as search_module
 from estimator.trace.ambiguity import exchanged, members
+from estimator.trace.fit import at
 from estimator.trace.score_test import Score
 from estimator.trace.search import backward, margin, search, shortlisted, with_effect, without_effect
 from tests.trace.linear import Linear, effect, fitted, made
@@ -174,6 +176,21 @@ def test_a_model_gives_way_to_one_that_stands_better_in_its_place() -> None:
     best, groups = exchanged(of, fitted(of, "worse"))
     assert list(best.model.effects) == ["a"]
     assert groups == {"a": []}
+
+
+def test_a_model_stays_where_another_stands_better_only_half_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two models that each look better until they are fitted took one another's place for ever."""
+    rng = np.random.default_rng(13)
+    a = rng.standard_normal((N, 1))
+    of = made({"a": a, "worse": a + 0.5 * rng.standard_normal((N, 1))}, {"a": [0.6]})
+
+    def spoiled(of: Linear, half: Any) -> Any:
+        return at(of, half.layout, replace(half.model, theta=half.model.theta + 1.0))
+
+    monkeypatch.setattr(ambiguity, "settle", spoiled)
+    best, groups = exchanged(of, fitted(of, "worse"))
+    assert list(best.model.effects) == ["worse"]
+    assert [member.name for member in groups["worse"]] == ["a"]
 
 
 def test_an_effect_without_which_the_motion_is_lost_stays(monkeypatch: pytest.MonkeyPatch) -> None:
