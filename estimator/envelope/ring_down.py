@@ -7,7 +7,7 @@ power of the noise that the sensor takes for amplitude: what is shown is √(a²
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -20,8 +20,8 @@ from estimator.envelope.record import DECIBEL, Envelope, Resonator
 from estimator.errors import ModelError
 from estimator.scaling import Array
 from estimator.trace.axes import equations_on
-from estimator.trace.likelihood import Size
-from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows, Term
+from estimator.trace.likelihood import Evaluation, Model, Size
+from estimator.trace.output_error import OutputError, OutputLayout, Predicted, Rows, Term
 from estimator.trace.problem import Effects
 
 FLOOR = "noise_floor"
@@ -47,6 +47,7 @@ class Taken(Term):
     law: Law | None = None
 
 
+@cache
 def all_taken(resonator: Resonator) -> dict[str, Taken]:
     """The laws of the catalogue and those of one's own, and the noise floor."""
     scaling = resonator.scaling
@@ -69,8 +70,8 @@ def all_taken(resonator: Resonator) -> dict[str, Taken]:
 
 
 @dataclass(frozen=True)
-class RingDown(Output):
-    """`Output` of an envelope.  Raises ModelError for an amplitude that does not fall."""
+class RingDown(OutputError):
+    """`Likelihood` of an envelope.  Raises ModelError for an amplitude that does not fall."""
 
     envelope: Envelope
     resonator: Resonator
@@ -85,14 +86,13 @@ class RingDown(Output):
         slope, start = np.polyfit(self.time, self.envelope.level_over(self.resonator.unit), 1)
         return float(slope), float(start)
 
-    @cached_property
+    @property
     def taken(self) -> dict[str, Taken]:
         """What may be found."""
         return all_taken(self.resonator)
 
     @property
     def reading(self) -> Array:
-        """What is shown (n,)."""
         return self.envelope.shown
 
     @property
@@ -105,18 +105,7 @@ class RingDown(Output):
         """Scaled, from the first sample."""
         return np.asarray((self.envelope.time - self.envelope.time[0]) * self.resonator.scaling.omega0)
 
-    @property
-    def noise(self) -> float:
-        """As declared."""
-        return self.resonator.noise
-
-    @property
-    def floor(self) -> tuple[float, float, str]:
-        """The declared noise."""
-        return self.resonator.noise, math.inf, "the declared noise"
-
     def upto(self, samples: int) -> "RingDown":
-        """The same of the first samples only."""
         one = self.envelope
         return replace(self, envelope=Envelope(one.time[:samples], one.shown[:samples], one.logarithmic))
 
@@ -152,10 +141,10 @@ class RingDown(Output):
         size = np.linalg.norm(matrix, axis=0)
         return np.asarray(np.linalg.lstsq(matrix / size, level[told], rcond=None)[0] / size)
 
-    def begun(self, layout: OutputLayout, theta: Array, told: Rows) -> Array:
+    def balanced(self, layout: OutputLayout, theta: Array) -> Array:
         """Where the record balances, as far as it shows a ring-down there."""
         names = [name for name in layout.owner[2:] if self.taken[name].law is not None]
-        start, damping, *sizes = self.balance(names, told)
+        start, damping, *sizes = self.balance(names, self.told)
         theta = theta.copy()
         theta[0], theta[1] = start, damping * self.resonator.scaling.omega0 / layout.factor[1]
         for name, size in zip(names, sizes, strict=True):
@@ -181,17 +170,16 @@ class RingDown(Output):
         return Predicted(shown, np.zeros((len(shown), 0)), np.ones(len(shown), dtype=bool))
 
     def effect(self, name: str) -> Taken:
-        """Declaration of a term."""
         return self.taken[name]
 
-    def candidates(self, included: Effects) -> Effects:
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """Terms that are not in a model; of laws of one power, which an amplitude does not tell apart, the first."""
-        powers = {self._degree(name) for name in included}
+        powers = {self._degree(name) for name in model.effects}
         found: dict[str, Mapping[str, float]] = {}
         for name in self.taken:
             if self._degree(name) not in powers:
                 powers.add(self._degree(name))
-                found[name] = self._start(included, name)
+                found[name] = self._start(model.effects, name)
         return found
 
     def _start(self, included: Effects, name: str) -> Mapping[str, float]:

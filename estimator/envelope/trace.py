@@ -1,5 +1,7 @@
 """From the amplitude of a ring-down to the law of its damping: chosen on one part, judged on another."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,4 +30,6 @@ def trace_envelope(envelope: Envelope, resonator: Resonator, fitting: Rows) -> D
     for rows, part in ((fitting, "fitted"), (~fitting, "held out")):
         if int(np.sum(rows)) < FEWEST // 2:
             raise ModelError(f"the part to be {part} has {int(np.sum(rows))} samples; at least {FEWEST // 2}")
-    return trace_output(RingDown(envelope, resonator), fitting)
+    told, noise = np.flatnonzero(fitting), resonator.noise
+    floor = noise, math.inf, "the declared noise"
+    return trace_output(RingDown(envelope, resonator, told=told, counted=told, noise=noise, floor=floor), fitting)

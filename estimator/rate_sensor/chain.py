@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from estimator.diagnosis import Interval
 from estimator.effects.labels import kind
@@ -15,8 +14,8 @@ from estimator.rate_sensor.catalogue import EFFECTS, effect_for
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
-from estimator.trace.likelihood import Check
-from estimator.trace.output_error import Output, OutputLayout, Predicted, Rows
+from estimator.trace.likelihood import Check, Evaluation, Model
+from estimator.trace.output_error import OutputError, OutputLayout, Predicted, Rows
 from estimator.trace.problem import Effects
 from estimator.trace.search import FORBIDDEN
 
@@ -55,17 +54,13 @@ def volts_of(given: Sequence[tuple[Effect, Array]], line: Array, record: SensorR
 
 
 @dataclass(frozen=True)
-class RateSensor(Output):
-    """`Output` of a record; white: declared noise of a reading, V; judged: `floor`; told: the readings that are fitted;
-    line: that of the data sheet.
-    """
+class RateSensor(OutputError):
+    """`Likelihood` of a record; line: that of the data sheet."""
 
     record: SensorRecord
     declared: Range
-    white: float
-    judged: tuple[float, float, str]
-    told: Rows
     line: Line | None = None
+    base = "V0", "S"
 
     @property
     def reading(self) -> Array:
@@ -77,24 +72,8 @@ class RateSensor(Output):
         """Time (n,) s; of a table, the rate, of which its output may be any curve."""
         return self.record.rate if self.record.step is None else self.record.time
 
-    @property
-    def noise(self) -> float:
-        """As declared, V."""
-        return self.white
-
-    @property
-    def floor(self) -> tuple[float, float, str]:
-        """As of a table's repeated rates, or as declared."""
-        return self.judged
-
-    @property
-    def base(self) -> tuple[str, ...]:
-        """The line."""
-        return "V0", "S"
-
     def upto(self, samples: int) -> "RateSensor":
-        """The same of the first samples only."""
-        return replace(self, record=self.record.upto(samples), told=self.told[self.told < samples])
+        return replace(self, record=self.record.upto(samples))
 
     @cached_property
     def seen(self) -> SensorRecord:
@@ -103,7 +82,6 @@ class RateSensor(Output):
         return replace(self.record, voltage=np.clip(self.reading, low, high))
 
     def effect(self, name: str) -> Effect:
-        """Declaration of an effect."""
         return effect_for(kind(name))
 
     def layout(self, effects: Effects) -> OutputLayout:
@@ -145,9 +123,9 @@ class RateSensor(Output):
                 known[stretch] = record.time[stretch] - record.time[stretch][0] >= reach
         return Predicted(values, np.concatenate([np.zeros((len(record), 0)), *free], axis=1), known)
 
-    def candidates(self, included: Effects) -> Effects:
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """Every effect that the record has what it needs for, from each of its starts."""
-        taken = {kind(name) for name in included}
+        taken = {kind(name) for name in model.effects}
         taken |= set().union(*(alternatives for alternatives in ONE_OF if taken & alternatives))
         found: dict[str, Mapping[str, float]] = {}
         for effect in EFFECTS:
@@ -168,22 +146,23 @@ class RateSensor(Output):
         _, counts = np.unique(classes, return_counts=True)
         return int(np.sum(counts >= RESTS * len(self.told))) > LINE
 
-    def begun(self, layout: OutputLayout, theta: Array, told: Rows) -> Array:
+    def balanced(self, layout: OutputLayout, theta: Array) -> Array:
         """With the line as it fits beside the effects; beside a limit, at rates within the declared range: one through
         samples at a limit is far from it.
         """
         given = [(effect, c) for effect, c in self.given(layout, theta) if effect.stage is not Stage.LIMIT]
-        rows = told if len(given) == len(layout.effects) else told[self.within(told)]
+        rows = self.told if len(given) == len(layout.effects) else self.within
         none, one = (volts_of(given, np.array([0.0, s]), self.record, self.declared)[rows] for s in (0.0, 1.0))
         matrix = np.column_stack([np.ones(len(rows)), one - none])
         line = np.linalg.lstsq(matrix, self.record.voltage[rows] - none, rcond=None)[0]
         return np.concatenate([line / layout.factor[:2], theta[2:]])
 
-    def within(self, told: Rows) -> NDArray[np.bool_]:
-        """Which of these readings are at rates within the declared range; all, where those tell no line."""
-        rate = self.record.rate[told]
+    @property
+    def within(self) -> Rows:
+        """Which of the fitted readings are at rates within the declared range; all, where those tell no line."""
+        rate = self.record.rate[self.told]
         within = np.abs(rate) <= self.declared.rate * (1.0 + 1e-9)
-        return np.asarray(within if within.any() and np.ptp(rate[within]) > 0.0 else np.ones(len(told)), dtype=np.bool_)
+        return self.told[within] if within.any() and np.ptp(rate[within]) > 0.0 else self.told
 
     def interval(self, layout: OutputLayout, theta: Array, k: int, half: float) -> Interval:
         """SI, but for the output's own unit."""
@@ -193,23 +172,21 @@ class RateSensor(Output):
         value, half = float(theta[k] * layout.factor[k]), half * float(layout.factor[k])
         return Interval(value, value - half, value + half, units[layout.names[k]].replace("V", self.declared.unit))
 
-    def checks(self, layout: OutputLayout, theta: Array, half: Callable[[int], float], held_out: Rows) -> list[Check]:
+    def checks(self, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> list[Check]:
         """The declared line, the limits, and whether the rate is known between its samples."""
         base = {name: self.interval(layout, theta, k, half(k)) for k, name in enumerate(layout.names[:2])}
         off = () if self.line is None else against(base, self.line)
         checks = [Check("declared line", passed=False, sentence=one) for one in off]
         limits = [name for name in layout.effects if self.effect(name).stage is Stage.LIMIT]
-        checks += [self._limit(name, layout, theta, half, held_out) for name in limits]
+        checks += [self._limit(name, layout, theta, half) for name in limits]
         timed = any(effect.needs == "time" and effect.stage <= Stage.RATE for effect, _ in self.given(layout, theta))
         return [*checks, *(self._between_samples(abs(base["S"].value)) if timed else ())]
 
-    def _limit(
-        self, name: str, layout: OutputLayout, theta: Array, half: Callable[[int], float], held_out: Rows
-    ) -> Check:
+    def _limit(self, name: str, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> Check:
         """No reading of the part held out lies beyond a limit of the output."""
         low, high = (self.interval(layout, theta, k, half(k)) for k in layout.of(name)[:2])
         margin, unit = FORBIDDEN * self.floor[0], self.declared.unit
-        readings = self.record.voltage[held_out]
+        readings = self.record.voltage[self.counted]
         lowest, highest = float(np.min(readings)), float(np.max(readings))
         end, read = (high.high, highest) if highest > high.high + margin else (low.low, lowest)
         return Check(
@@ -229,9 +206,8 @@ class RateSensor(Output):
             "model of a response takes it as straight: sample faster, or turn more slowly",
         )
 
-    def remarks(self, told: Rows, held_out: Rows) -> tuple[str, ...]:
-        """Why what is left may be left."""
-        fitted, later = (float(np.max(np.abs(self.record.rate[rows]))) for rows in (told, held_out))
+    def remarks(self) -> tuple[str, ...]:
+        fitted, later = (float(np.max(np.abs(self.record.rate[rows]))) for rows in (self.told, self.counted))
         if later <= (1.0 + EDGE) * fitted:
             return ()
         return ("the rates held out lie beyond those of the fitting part, which cannot tell what happens there",)

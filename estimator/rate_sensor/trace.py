@@ -1,5 +1,7 @@
 """From the record of a rate sensor to what the straight line of its data sheet lacks."""
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,6 @@ from estimator.rate_sensor.chain import RateSensor, noise_floor
 from estimator.rate_sensor.declaration import Range
 from estimator.rate_sensor.record import SensorRecord
 from estimator.trace.fit import fit
-from estimator.trace.output_error import OutputError
 from estimator.trace.output_trace import trace_output
 
 STILL = 1e-3
@@ -35,6 +36,6 @@ def trace_sensor(
     if float(np.ptp(record.rate[fitting])) < STILL * declared.rate:
         raise ModelError("the rate never changes in the fitting part; turn the sensor, at several rates")
     told = np.flatnonzero(fitting)
-    sensor = RateSensor(record, declared, noise, noise_floor(record, told, noise), told, line)
-    within = told[sensor.within(told)]
-    return trace_output(sensor, fitting, fit(OutputError(sensor, within, within), {}))
+    floor = noise_floor(record, told, noise)
+    sensor = RateSensor(record, declared, line, told=told, counted=told, noise=noise, floor=floor)
+    return trace_output(sensor, fitting, fit(replace(sensor, told=sensor.within, counted=sensor.within), {}))

@@ -1,13 +1,14 @@
 """The likelihood of readings that hang on what is known and on constants alone (Ljung, ch. 4: an output-error model).
 
 A reading is a prediction from θ, a random walk, and white noise.  The walk goes along time, where it is an offset that
-wanders; or, in a table of steady states, along its input, where it is a curve that no constant describes.  A kind of
-record supplies the prediction (`Output`); the rest is the same for all.
+wanders; or, in a table of steady states, along its input, where it is a curve that no constant describes.
 """
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,8 +94,24 @@ class Predicted:
     known: NDArray[np.bool_]
 
 
-class Output(ABC):
-    """What a kind of record supplies."""
+@dataclass(frozen=True, kw_only=True)
+class OutputError(Likelihood):
+    """`Likelihood` of readings, of which a kind of record supplies the prediction.
+
+    told: those that tell the size of what is free; counted: those of which it is the likelihood; noise: declared
+    deviation of a reading; floor: that by which the record is judged, how many independent differences tell it
+    (infinite: it is declared), and how it was found, in words.  Noise is white, and nothing is followed; what wanders
+    is asked of what was found (`walking`).
+    """
+
+    told: Rows
+    counted: Rows
+    noise: float
+    floor: tuple[float, float, str]
+    effects: ClassVar[Effects] = MappingProxyType({})
+    axes: ClassVar[int] = 1
+    base: ClassVar[tuple[str, ...]] = ()
+    """Constants of the base model that are told."""
 
     @property
     @abstractmethod
@@ -106,26 +123,9 @@ class Output(ABC):
     def along(self) -> Array:
         """Along what they wander (n,)."""
 
-    @property
     @abstractmethod
-    def noise(self) -> float:
-        """Declared deviation of a reading."""
-
-    @property
-    @abstractmethod
-    def floor(self) -> tuple[float, float, str]:
-        """Deviation of a reading as the record is judged by, how many independent differences tell it (infinite: it is
-        declared), and how it was found, in words.
-        """
-
-    @property
-    def base(self) -> tuple[str, ...]:
-        """Constants of the base model that are told."""
-        return ()
-
-    @abstractmethod
-    def upto(self, samples: int) -> "Output":
-        """The same of the first samples only."""
+    def upto(self, samples: int) -> Self:
+        """The same of a record of the first samples only."""
 
     @abstractmethod
     def layout(self, effects: Effects) -> OutputLayout:
@@ -140,11 +140,11 @@ class Output(ABC):
         """Declaration of an effect, by its name with a label."""
 
     @abstractmethod
-    def candidates(self, included: Effects) -> Effects:
+    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
         """Effects that are not in a model, each with where its coefficients begin, SI; with nothing, where at zero."""
 
-    def begun(self, layout: OutputLayout, theta: Array, told: Rows) -> Array:
-        """`theta` (k,) with the last effect where it begins; told: readings that are fitted."""
+    def balanced(self, layout: OutputLayout, theta: Array) -> Array:
+        """`theta` (k,) with the last effect where it begins."""
         return theta
 
     def interval(self, layout: OutputLayout, theta: Array, k: int, half: float) -> Interval:
@@ -159,7 +159,7 @@ class Output(ABC):
         """
         return {}
 
-    def checks(self, layout: OutputLayout, theta: Array, half: Callable[[int], float], held_out: Rows) -> list[Check]:
+    def checks(self, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> list[Check]:
         """What this kind of record asks of a model, beside what all do."""
         return []
 
@@ -167,52 +167,20 @@ class Output(ABC):
         """Of the base model, a sentence each."""
         return ()
 
-    def remarks(self, told: Rows, held_out: Rows) -> tuple[str, ...]:
-        """Why what is left may be left, a sentence each."""
+    def remarks(self) -> tuple[str, ...]:
+        """Why what is left of these readings may be left, a sentence each."""
         return ()
-
-
-@dataclass(frozen=True)
-class OutputError(Likelihood):
-    """`Likelihood` of the readings `counted`; told: those that tell the size of what is free.
-
-    Noise is white, and nothing is followed; what wanders is asked of what was found (`walking`).
-    """
-
-    output: Output
-    told: Rows
-    counted: Rows
-
-    @property
-    def effects(self) -> Effects:
-        """None is declared."""
-        return {}
-
-    @property
-    def axes(self) -> int:
-        """One reading."""
-        return 1
 
     @property
     def samples(self) -> int:
-        """Readings that count."""
         return len(self.counted)
 
-    def part(self, rows: slice) -> "OutputError":
-        """The same of these of the readings that count."""
+    def part(self, rows: slice) -> Self:
         counted = self.counted[rows]
         if len(counted) == self.samples:
             return self
         samples = int(counted[-1]) + 1
-        return OutputError(self.output.upto(samples), self.told[self.told < samples], counted)
-
-    def layout(self, effects: Effects) -> OutputLayout:
-        """The parameters of the model with these effects."""
-        return self.output.layout(effects)
-
-    def effect(self, name: str) -> Term:
-        """Declaration of an effect."""
-        return self.output.effect(name)
+        return replace(self.upto(samples), told=self.told[self.told < samples], counted=counted)
 
     def plausible(self, name: str) -> Array:
         """One: of a coefficient, scaled, or of all that an effect does where it begins."""
@@ -222,14 +190,10 @@ class OutputError(Likelihood):
         """At the size that the score test tells, or where the effect begins."""
         assert isinstance(layout, OutputLayout)
         if layout.effects[name]:
-            return self.output.begun(layout, theta, self.told)
+            return self.balanced(layout, theta)
         theta = theta.copy()
         theta[layout.of(name)] = np.clip(size, layout.least[layout.of(name)], layout.most[layout.of(name)])
         return theta
-
-    def candidates(self, model: Model, evaluation: Evaluation) -> Effects:
-        """The whole catalogue beside a model."""
-        return self.output.candidates(model.effects)
 
     def declared_noise(self) -> Noise:
         """White: nothing wanders."""
@@ -237,9 +201,9 @@ class OutputError(Likelihood):
 
     def _decades(self) -> tuple[float, float]:
         """Between which a walk is looked for, in the reading's unit by the root of what it goes along."""
-        span = float(np.ptp(self.output.along[self.counted]))
-        least = NO_WALK * self.output.noise / np.sqrt(span)
-        most = ALL_WALK * self.output.noise / np.sqrt(span / self.samples)
+        span = float(np.ptp(self.along[self.counted]))
+        least = NO_WALK * self.noise / np.sqrt(span)
+        most = ALL_WALK * self.noise / np.sqrt(span / self.samples)
         return float(np.log10(least)), float(np.log10(most))
 
     def walking(self, layout: Layout, model: Model) -> Model:
@@ -265,18 +229,18 @@ class OutputError(Likelihood):
         return quiet, quiet if self.above_floor(seen, None) < AT_FLOOR else self.walking(layout, model)
 
     def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
-        """There is no observer of readings that follow nothing.  Raises ModelError always."""
+        """Raises ModelError always."""
         raise ModelError("an observer follows a motion, and this record shows none")
 
     def above_floor(self, held_out: Evaluation, after: Examination | None) -> float:
         """What the readings are off, over the noise floor, rms."""
-        return float(np.sqrt(np.nanmean(held_out.innovation**2))) / self.output.floor[0]
+        return float(np.sqrt(np.nanmean(held_out.innovation**2))) / self.floor[0]
 
     def chance(self, held_out: Evaluation) -> float:
         """Of few independent readings, and of a floor that few differences tell."""
         left = held_out.innovation[:, 0]
         worth = effective_samples(left[np.isfinite(left)])
-        return float(np.sqrt(f_isf(RARE, worth, min(self.output.floor[1], 1e9))))
+        return float(np.sqrt(f_isf(RARE, worth, min(self.floor[1], 1e9))))
 
     def evaluate(
         self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
@@ -291,7 +255,7 @@ class OutputError(Likelihood):
             rows, left = np.full((BLOCKS, len(names) + 2), np.inf), np.full(self.samples, np.inf)
         # A reading that hangs on what came before the record counts as one of the others does.
         return Evaluation.of_rows(
-            names, rows[:, None], left[:, None], np.full((self.samples, 1), self.output.noise),
+            names, rows[:, None], left[:, None], np.full((self.samples, 1), self.noise),
             weight=self.samples / len(rows),
         )  # fmt: skip
 
@@ -300,28 +264,28 @@ class OutputError(Likelihood):
     ) -> tuple[Array, Predicted]:
         """What one of a parameter, and one of what is tested, take off the error, and the error (n, k + 1)."""
         assert isinstance(layout, OutputLayout)
-        now = self.output.predicted(layout, model.theta)
+        now = self.predicted(layout, model.theta)
         columns = [self._slope(layout, model.theta, k) for k in range(len(layout.names) if derivatives else 0)]
         columns += [self._shown(layout, model, name, given, now) for name, given in (tested or {}).items()]
-        return np.column_stack([*(-one for one in columns), self.output.reading - now.values]), now
+        return np.column_stack([*(-one for one in columns), self.reading - now.values]), now
 
     def _slope(self, layout: OutputLayout, theta: Array, k: int) -> Array:
         """Derivative (n,) of the prediction by a parameter."""
         step = np.zeros(len(theta))
         step[k] = SHIFT
-        ahead, behind = (self.output.predicted(layout, theta + sign * step).values for sign in (1.0, -1.0))
+        ahead, behind = (self.predicted(layout, theta + sign * step).values for sign in (1.0, -1.0))
         return np.asarray((ahead - behind) / (2.0 * SHIFT))
 
     def _shown(
         self, layout: OutputLayout, model: Model, name: str, given: Mapping[str, float], now: Predicted
     ) -> Array:
         """What an effect adds to the prediction (n,): where it begins, or by one of its coefficient."""
-        joint = self.output.layout({**layout.effects_of(model), name: given})
+        joint = self.layout({**layout.effects_of(model), name: given})
         theta = np.concatenate([model.theta, joint.mean[len(model.theta) :]])
         try:
             if not given:
                 return self._slope(joint, theta, len(theta) - 1)
-            begun = self.output.predicted(joint, self.output.begun(joint, theta, self.told))
+            begun = self.predicted(joint, self.balanced(joint, theta))
         except ModelError:
             return np.zeros(len(now.values))
         return np.asarray(begun.values - now.values)
@@ -330,20 +294,19 @@ class OutputError(Likelihood):
         """Rows (m, k + 2) of the readings that count, in the order of what they wander along: derivatives, error, the
         logarithm of its deviation; and the error (n,) of all that count, NaN where a reading is not known.
         """
-        output = self.output
-        walk = (model.noise.force / output.noise) ** 2
+        walk = (model.noise.force / self.noise) ** 2
         free = now.free[:, np.any(now.free != 0.0, axis=0)]
         if free.shape[1]:
             told = self.told[now.known[self.told]]
-            shares, _ = whitened(np.column_stack([free, both])[told], output.along[told], walk)
+            shares, _ = whitened(np.column_stack([free, both])[told], self.along[told], walk)
             m = free.shape[1]
             both = both - free @ np.linalg.lstsq(shares[:, :m], shares[:, m:], rcond=None)[0]
         counted = self.counted[now.known[self.counted]]
-        rows, deviation = whitened(both[counted] / output.noise, output.along[counted], walk)
+        rows, deviation = whitened(both[counted] / self.noise, self.along[counted], walk)
         if free.shape[1] and len(self.told) == len(self.counted):  # what was fitted is less than what it was
             rows *= np.sqrt(len(rows) / max(len(rows) - free.shape[1], 1))
         left = np.where(now.known, both[:, -1], np.nan)[self.counted]
-        return np.column_stack([rows, np.log(output.noise * deviation)]), left
+        return np.column_stack([rows, np.log(self.noise * deviation)]), left
 
 
 def whitened(series: Array, along: Array, walk: float) -> tuple[Array, Array]:

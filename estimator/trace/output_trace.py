@@ -18,7 +18,7 @@ from estimator.trace.chosen import choose
 from estimator.trace.examination import Figures
 from estimator.trace.fit import ROUGH, FittedModel, at, maximise
 from estimator.trace.likelihood import Check
-from estimator.trace.output_error import Output, OutputError, OutputLayout
+from estimator.trace.output_error import OutputError, OutputLayout
 from estimator.trace.probabilities import probabilities
 from estimator.trace.rejected import Failed, rejected
 from estimator.trace.trace import evidence_of, judge
@@ -36,14 +36,13 @@ def half_width(model: FittedModel, k: int) -> float:
 
 
 @one_blas_thread()
-def trace_output(output: Output, fitting: NDArray[np.bool_], base: FittedModel | None = None) -> Diagnosis:
-    """Choose effects on the readings `fitting`, score them on the others.
+def trace_output(of: OutputError, fitting: NDArray[np.bool_], base: FittedModel | None = None) -> Diagnosis:
+    """Choose effects on the readings `fitting`, those of `of`, score them on the others.
 
     base: the base model that figures are compared with, where it is not the one that is fitted to all of these.
     Raises ModelError for readings of which the base model is none.
     """
-    told, held_out = np.flatnonzero(fitting), np.flatnonzero(~fitting)
-    of, later = OutputError(output, told, told), OutputError(output, told, held_out)
+    later = replace(of, counted=np.flatnonzero(~fitting))
     chosen = choose(of)
     base = chosen.before if base is None else base
     before = _figures(later, base)
@@ -55,11 +54,11 @@ def trace_output(output: Output, fitting: NDArray[np.bool_], base: FittedModel |
 
     judged = judge(chosen, judged_of)
     evidence, model, names = judged.evidence, judged.evidence.model, judged.named
-    given = answer(judged, (before, judged.after), tuple(_found(output, evidence, name) for name in names))
+    given = answer(judged, (before, judged.after), tuple(_found(of, evidence, name) for name in names))
     named = names if given.effects else []
     groups = {name: chosen.groups[name] for name in names}
     separations = [_apart(of, name, member) for name in named for member in groups[name]]
-    same = [(one.name, *pair) for one in given.effects for pair in output.same(one.name, one.coefficients).items()]
+    same = [(one.name, *pair) for one in given.effects for pair in of.same(one.name, one.coefficients).items()]
     # A check that refused an effect says so, whether or not the others stand without it.
     against = {one.effect: Failed(one.sentence, model) for one in judged.checks if one.effect and not one.passed}
     # What is a named effect again, with more coefficients, is no other account of the record.
@@ -70,19 +69,19 @@ def trace_output(output: Output, fitting: NDArray[np.bool_], base: FittedModel |
     return replace(
         given,
         separations=(*separations, *(Separation(name, other, 1.0, by, None) for name, other, (by, _) in same)),
-        rejected=rejected(of, chosen.found, groups, {**against, **judged.failed}), split=len(told),
-        reasons=_reasons(output, judged, given, told, held_out),
+        rejected=rejected(of, chosen.found, groups, {**against, **judged.failed}), split=of.samples,
+        reasons=_reasons(later, judged, given),
         undetermined=tuple(said for _, _, (_, said) in same),
         probabilities=probabilities(evidence, judged.checks, accounts, chosen.found),
-        base=_told(output, model if named else base),
+        base=_told(of, model if named else base),
     )  # fmt: skip
 
 
 def _checks(of: OutputError, evidence: Evidence, later: OutputError) -> list[Check]:
     """Those of all kinds of records, of this one, and of a walk."""
-    model, output = evidence.model, of.output
+    model = evidence.model
     checks = [check for checker in CHECKS for check in checker(evidence)]
-    checks += output.checks(_layout(model), model.model.theta, partial(half_width, model), later.counted)
+    checks += later.checks(_layout(model), model.model.theta, partial(half_width, model))
     checks += _walk(of, evidence)
     # What is not the same in all parts of the record may be what else is left.
     return [one if one.name in REFUSED else replace(one, effect="") for one in checks]
@@ -107,16 +106,14 @@ def _walk(of: OutputError, evidence: Evidence) -> list[Check]:
     ]
 
 
-def _reasons(
-    output: Output, judged: Judged, given: Diagnosis, told: NDArray[np.int64], held_out: NDArray[np.int64]
-) -> tuple[str, ...]:
+def _reasons(later: OutputError, judged: Judged, given: Diagnosis) -> tuple[str, ...]:
     """Why the verdict is what it is: what is to be said of the base model, then checks that failed."""
     model = judged.evidence.model
-    reasons = [*output.said(_layout(model), model.model.theta, partial(half_width, model))]
+    reasons = [*later.said(_layout(model), model.model.theta, partial(half_width, model))]
     if given.verdict is Verdict.PARTLY and given.share is not None:
         acts = " and ".join(kind(name).replace("_", " ") for name in judged.named)
         reasons.append(f"something acts like {acts}: {given.share:.1%} of the power above the noise floor goes")
-    return (*reasons, *judged.against, *(output.remarks(told, held_out) if given.verdict.is_open else ()))
+    return (*reasons, *judged.against, *(later.remarks() if given.verdict.is_open else ()))
 
 
 def _layout(model: FittedModel) -> OutputLayout:
@@ -124,20 +121,20 @@ def _layout(model: FittedModel) -> OutputLayout:
     return model.layout
 
 
-def _intervals(output: Output, model: FittedModel, places: list[int]) -> dict[str, Interval]:
+def _intervals(of: OutputError, model: FittedModel, places: list[int]) -> dict[str, Interval]:
     layout = _layout(model)
-    return {layout.names[k]: output.interval(layout, model.model.theta, k, half_width(model, k)) for k in places}
+    return {layout.names[k]: of.interval(layout, model.model.theta, k, half_width(model, k)) for k in places}
 
 
-def _told(output: Output, model: FittedModel) -> dict[str, Interval]:
+def _told(of: OutputError, model: FittedModel) -> dict[str, Interval]:
     """Constants of the base model."""
-    return _intervals(output, model, [model.layout.names.index(name) for name in output.base])
+    return _intervals(of, model, [model.layout.names.index(name) for name in of.base])
 
 
-def _found(output: Output, evidence: Evidence, name: str) -> Found:
-    effect, model = output.effect(name), evidence.model
+def _found(of: OutputError, evidence: Evidence, name: str) -> Found:
+    effect, model = of.effect(name), evidence.model
     return Found(
-        kind(name), effect.title, effect.equations, _intervals(output, model, model.layout.of(name)),
+        kind(name), effect.title, effect.equations, _intervals(of, model, model.layout.of(name)),
         2.0 * (model.objective - evidence.without[name].objective), effect.compensation,
     )  # fmt: skip
 
@@ -150,15 +147,14 @@ def _apart(of: OutputError, name: str, member: Member) -> Separation:
 
 def _figures(later: OutputError, model: FittedModel) -> Figures:
     """What the readings (n,) are off, in their unit; NaN where what came before the record tells them."""
-    output = later.output
-    every = OutputError(output, later.told, np.arange(len(output.reading)))
+    every = replace(later, counted=np.arange(len(later.reading)))
     left = np.asarray(every.evaluate(model.layout, model.model, derivatives=False).innovation[:, 0])
-    fitted, held_out = (_fit(output, left[rows]) for rows in (later.told, later.counted))
+    fitted, held_out = (_fit(later, left[rows]) for rows in (later.told, later.counted))
     return Figures(fitted, held_out, (), left[:, None])
 
 
-def _fit(output: Output, left: Array) -> Fit:
-    floor, _, found = output.floor
+def _fit(of: OutputError, left: Array) -> Fit:
+    floor, _, found = of.floor
     left = left[np.isfinite(left)]
     rms = float(np.sqrt(np.mean(left**2)))
     white = portmanteau(left, max(min(LAGS, len(left) // 4), 1)).p if rms > 0.0 else 1.0

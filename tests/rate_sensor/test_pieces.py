@@ -17,7 +17,6 @@ from estimator.rate_sensor.trace import alternate_blocks
 from estimator.scaling import Array
 from estimator.trace.fit import fit
 from estimator.trace.likelihood import Model
-from estimator.trace.output_error import OutputError
 from estimator.trace.output_trace import half_width
 
 DECLARED = Range(4.0, 2.0)
@@ -30,7 +29,14 @@ ALL = np.ones(N, dtype=bool)
 
 
 def sensor(record: SensorRecord, rows: Array = ALL, declared: Range = DECLARED) -> RateSensor:
-    return RateSensor(record, declared, 1e-2, (1e-2, math.inf, "the declared noise"), np.flatnonzero(rows))
+    told, floor = np.flatnonzero(rows), (1e-2, math.inf, "the declared noise")
+    return RateSensor(record, declared, told=told, counted=told, noise=1e-2, floor=floor)
+
+
+def tried(of: RateSensor, *included: str) -> set[str]:
+    """Kinds of effects that are tried beside those."""
+    model = Model({name: {} for name in included}, np.zeros(2), of.declared_noise())
+    return {name.partition(":")[0] for name in of.candidates(model, of.evaluate(of.layout({}), model))}
 
 
 def acted(name: str, *coefficients: float, rate: Array = RATE) -> Array:
@@ -198,15 +204,10 @@ def test_an_effect_needs_what_it_says() -> None:
 # -- the likelihood ---------------------------------------------------------------------------------------------------
 
 
-def likelihood(record: SensorRecord, rows: Array = ALL, declared: Range = DECLARED) -> OutputError:
-    told = np.flatnonzero(rows)
-    return OutputError(sensor(record, rows, declared), told, told)
-
-
 def test_a_line_is_that_of_least_squares_of_the_rows_with_its_intervals() -> None:
     noisy = replace(PLAIN, voltage=PLAIN.voltage + 1e-2 * np.random.default_rng(1).standard_normal(N))
     rows = np.arange(N) < 200
-    line = fit(likelihood(noisy, rows), {})
+    line = fit(sensor(noisy, rows), {})
     design = np.column_stack([np.ones(N), RATE])[rows]
     expected = np.linalg.lstsq(design, noisy.voltage[rows], rcond=None)[0]
     np.testing.assert_allclose(line.model.theta * line.layout.factor, expected, rtol=1e-5)
@@ -219,7 +220,7 @@ def test_a_line_is_that_of_least_squares_of_the_rows_with_its_intervals() -> Non
 
 
 def test_derivatives_are_the_law_s_and_a_signature_what_an_effect_adds() -> None:
-    of = likelihood(PLAIN)
+    of = sensor(PLAIN)
     layout = of.layout({"quadratic": {}})
     theta = np.array([V0, S, 0.03]) / layout.factor
     model = Model({"quadratic": {}}, theta, of.declared_noise())
@@ -230,22 +231,21 @@ def test_derivatives_are_the_law_s_and_a_signature_what_an_effect_adds() -> None
     beside = (slow + 0.03 * slow**2 / 4.0)[:, None] ** [0, 1]
     line = np.linalg.lstsq(beside, PLAIN.voltage, rcond=None)[0]
     columns = np.column_stack([law, beside @ line - V0 - S * (RATE + 0.03 * RATE**2 / 4.0), cubic])
-    noise = of.output.noise
-    expected = columns.T @ columns / noise**2
+    expected = columns.T @ columns / of.noise**2
     np.testing.assert_allclose(seen.information.sum(axis=0), expected, rtol=1e-4, atol=1e-6 * np.max(np.diag(expected)))
     np.testing.assert_allclose(seen.innovation[:, 0], -S * 0.03 * RATE**2 / 4.0, atol=1e-12)
 
 
 def test_a_fit_stays_within_bounds() -> None:
     much = replace(PLAIN, voltage=V0 + S * (RATE + 0.9 * RATE**2 / 4.0))
-    found = fit(likelihood(much), {"quadratic": {}})
+    found = fit(sensor(much), {"quadratic": {}})
     assert found.model.theta[2] * found.layout.factor[2] == pytest.approx(0.5)
 
 
 def test_there_is_one_limit_and_one_low_pass_of_whichever_kind() -> None:
     def open_beside(*names: str) -> set[str]:
         of = sensor(replace(PLAIN, rate=np.resize(np.linspace(-3.0, 3.0, 9), N)))
-        return {name.partition(":")[0] for name in of.candidates({name: {} for name in names})}
+        return tried(of, *names)
 
     limits, passes = {"saturation", "soft_saturation", "fold_back"}, {"lag", "second_order"}
     assert limits | passes <= open_beside()
@@ -258,14 +258,14 @@ def test_there_is_one_limit_and_one_low_pass_of_whichever_kind() -> None:
 def test_what_hangs_on_a_rate_before_the_record_does_not_count() -> None:
     """Nor does it make a model more or less likely: the others stand for it."""
     record = replace(PLAIN, voltage=PLAIN.voltage + 1e-3 * np.random.default_rng(4).standard_normal(N))
-    of = likelihood(record)
+    of = sensor(record)
     layout = of.layout({"delay:1": {"delay": 0.004}})
     model = Model({"delay:1": {"delay": 0.004}}, np.array([V0, S, 0.004]) / layout.factor, of.declared_noise())
     seen = of.evaluate(layout, model, derivatives=False)
     assert np.isnan(seen.innovation[:4, 0]).all()
     assert np.isfinite(seen.innovation[4:, 0]).all()
     assert seen.count.sum() == pytest.approx(N)
-    power = np.nansum((seen.innovation / of.output.noise) ** 2)
+    power = np.nansum((seen.innovation / of.noise) ** 2)
     assert seen.power.sum() == pytest.approx(power * N / (N - 4), rel=1e-5)  # but for a walk that is next to none
 
 
@@ -293,7 +293,7 @@ def test_a_curve_is_shown_by_more_than_three_steady_rates(levels: int, *, shown:
     """Each rested at for a hundredth of the samples, rates within a fiftieth of the range being one."""
     rate = np.concatenate([np.tile(np.linspace(-3.0, 3.0, levels), 40), [3.5], np.linspace(-0.03, 0.03, 2)])
     of = sensor(SensorRecord(rate, V0 + S * rate, STEP), np.ones(len(rate), bool))
-    found = {name.partition(":")[0] for name in of.candidates({})}
+    found = tried(of)
     for name in ("cubic", "quadratic", "hysteresis", "dead_band", "saturation"):
         assert (name in found) is shown, name
     assert "lag" in found
