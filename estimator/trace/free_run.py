@@ -107,14 +107,13 @@ def seen_motion(record: Record, observer: Observer) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class FreeRun(Filtered):
-    """`Likelihood` of a record by its free run; fitted: whether its start is that of the model's parameters, else its
-    first samples, `telling` of them, tell it; alone: of no record that was fitted, so that these tell its offsets too;
-    followed: whether the run is corrected for the random force that the record asks for.
+    """`Likelihood` of a record by its free run; telling: how many first samples tell its start, none where that is of
+    the model's parameters; alone: of no record that was fitted, so that these tell its offsets too; followed: whether
+    the run is corrected for the random force that the record asks for.
     """
 
-    fitted: bool = True
     followed: bool = False
-    telling: int = TELLING
+    telling: int = 0
     alone: bool = False
 
     @property
@@ -133,7 +132,8 @@ class FreeRun(Filtered):
     def _part(self, rows: slice) -> "FreeRun":
         """Behind the beginning, a part that is not fitted."""
         part = super()._part(rows)
-        return replace(self, problem=part.problem, beginning=part.beginning, fitted=self.fitted and not rows.start)
+        telling = self.telling or (TELLING if rows.start else 0)
+        return replace(self, problem=part.problem, beginning=part.beginning, telling=telling)
 
     @property
     def following(self) -> "FreeRun":
@@ -256,170 +256,139 @@ def remembers(effect: Effect) -> bool:
 
 
 class _Run:
-    """A free run over a record, with its derivatives by the constants, by the start, and by effects in `tested`."""
+    """A free run over a record, with its derivatives by the constants, by the start, and by effects in `tested`.
+
+    x: what it begins with, of the observer; told: places in x of what a part tells that was not fitted, its motion,
+    and of a record by itself all else of where it begins.
+    """
 
     def __init__(self, of: FreeRun, layout: StartLayout, model: Model, derivatives: bool, tested: Effects) -> None:
         self.of, self.layout, self.model, self.tested = of, layout, model, tested
         self.record = of.problem.record
         self.effects = layout.effects_of(model)
-        self.observer = self._observer(tested)
-        self.known = layout.index if derivatives else layout.index[:0]
-        self.moved = len(layout.kept) if derivatives else 0
-        lacking = self.observer.effects[self.observer.carried :]
+        self.observer = observer = observer_of(of.problem, self.effects, model.noise, tested)
+        self.known, self.by = (layout.index, layout.kept) if derivatives else (layout.index[:0], layout.kept[:0])
+        lacking = observer.effects[observer.carried :]
         self.names = (
             *(layout.names if derivatives else ()),
             *(effect.name for _, effect in lacking for _ in effect.coefficients),
         )
-        self.slips = any(effect.slips for _, effect in self.observer.effects)
-
-    def _observer(self, tested: Effects) -> Observer:
-        observer = observer_of(self.of.problem, self.effects, self.model.noise, tested)
-        observer.x[observer.states + self.layout.index] = self.model.theta[: len(self.layout.index)]
-        observer.x[observer.estimated_index] = self.layout.fixed
-        observer.x[observer.estimated_index[self.layout.kept]] = self.model.theta[self.layout.start]
-        return observer
+        self.slips = any(effect.slips for _, effect in observer.effects)
+        self.x = observer.x
+        self.x[observer.states + layout.index] = model.theta[: len(layout.index)]
+        self.x[observer.estimated_index] = layout.fixed
+        self.x[observer.estimated_index[layout.kept]] = model.theta[layout.start]
+        states, own = np.arange(observer.states), {c.name for one in layout.effects for c in one.coefficients if c.own}
+        self.own = [k for k in range(len(layout.index)) if of.alone and layout.names[k] in own]
+        self.start = np.union1d(states, layout.kept) if of.alone else states
+        self.told = np.concatenate([observer.states + layout.index[self.own], observer.estimated_index[self.start]])
 
     def over_all(self) -> Array:
         """Whitened rows (axes · n, k + 2) of all stretches: derivatives, error, logarithm of the deviation; the last is
         NaN where a sample does not count.
         """
-        return np.concatenate([self._over(stretch, first=number == 0) for number, stretch in enumerate(self.stretches)])
+        parts = self.record.stretches or (slice(0, len(self.record)),)
+        return np.concatenate([self._over(part, fitted=number == 0 and not self.of.telling)
+                               for number, part in enumerate(parts)])  # fmt: skip
 
-    @property
-    def stretches(self) -> list[slice]:
-        """Parts that gaps keep apart."""
-        return list(self.record.stretches) or [slice(0, len(self.record))]
-
-    def _over(self, stretch: slice, *, first: bool) -> Array:
+    def _over(self, stretch: slice, *, fitted: bool) -> Array:
         record, before = self.record.part(stretch), self.of.part(slice(stretch.start, None)).beginning
-        start = self.observer.x[self.observer.estimated_index].copy()
-        if first and self.of.fitted:
-            return self._run(record, before, start, self.known, self.moved, self.tested)
-        states = self.observer.states
-        telling = record if self.of.fitted else record.part(slice(0, self.of.telling))
-        start[:states], _ = seen_motion(telling, self.observer)
-        start = self._told(telling, before, start)
-        rows = self._run(record, before, start, self.known, self.moved, self.tested)
-        c = len(self.known)
-        if self.moved and len(rows):
-            own = np.array([*self.own, *(c + np.flatnonzero(np.isin(self.layout.kept, self.of_start)))])
+        x = self.x.copy()
+        if not fitted:
+            telling = record.part(slice(0, self.of.telling or None))
+            x[: self.observer.states], _ = seen_motion(telling, self.observer)
+            x[self.told] = self._nearest(telling, before, x)
+        rows = self._run(record, before, x, self.known, self.by, self.tested)
+        if fitted:
+            return rows
+        if len(self.by) and len(rows):
+            own = np.array([*self.own, *(len(self.known) + np.flatnonzero(np.isin(self.by, self.start)))])
             seen = np.flatnonzero(~np.isnan(rows[:, -1]))
             others = np.setdiff1d(np.arange(rows.shape[1] - 2), own)
             answer = np.linalg.lstsq(rows[np.ix_(seen, own)], rows[np.ix_(seen, others)], rcond=BLIND)[0]
             rows[:, others] -= rows[:, own] @ answer
             rows[:, own] = 0.0
-        if not self.of.fitted:
-            rows[: self.of.telling * self.of.axes, -1] = np.nan
+        rows[: self.of.telling * self.of.axes, -1] = np.nan
         return rows
 
-    @property
-    def of_start(self) -> NDArray[np.int64]:
-        """What of a start a part tells that was not fitted: the motion, and of a record by itself all else."""
-        states = np.arange(self.observer.states)
-        return np.union1d(states, self.layout.kept) if self.of.alone else states
-
-    @property
-    def own(self) -> list[int]:
-        """Coefficients of where a record begins, which one by itself tells with its start."""
-        names = {c.name for effect in self.layout.effects for c in effect.coefficients if c.own}
-        return [k for k in range(len(self.layout.index)) if self.of.alone and self.layout.names[k] in names]
-
-    def _told(self, record: Record, before: Beginning, start: Array) -> Array:
-        """The start whose run lies closest to a record, and in the model the coefficients of where it begins; beside
-        the motion, as sure beforehand as they are declared.
+    def _nearest(self, record: Record, before: Beginning, x: Array) -> Array:
+        """Of what is told, where the run lies closest to a record, from `x` on; beside the motion, as sure beforehand
+        as it is declared.
         """
         own, states, layout = self.own, self.observer.states, self.layout
-        m, rows_of = len(own), self.of_start
-        beside = [int(np.flatnonzero(layout.kept == k)[0]) for k in rows_of[states:].tolist()]
-        deviation = np.concatenate(
-            [layout.deviation[own], np.full(states, np.inf), layout.deviation[layout.start[beside]]]
-        )
-        given = np.concatenate([layout.mean[own], start[rows_of]])
-        now = np.concatenate([self.model.theta[own], start[rows_of]])
-        nearest, least = now, np.inf
+        beside = layout.start[np.isin(layout.kept, self.start[states:])]
+        deviation = np.concatenate([layout.deviation[own], np.full(states, np.inf), layout.deviation[beside]])
+        now: Array = x[self.told]
+        nearest, given, least = now, np.concatenate([layout.mean[own], now[len(own) :]]), np.inf
         for _ in range(PASSES):
-            rows = self._run(record, before, self._begin(start, now), layout.index[own], -1, {})
-            told = rows[~np.isnan(rows[:, -1])]
+            x[self.told] = now
+            rows = self._run(record, before, x, layout.index[own], self.start, {})
+            counted = rows[~np.isnan(rows[:, -1])]
             off = (now - given) / deviation
-            power = float(np.sum(told[:, -2] ** 2) + np.sum(off**2))
-            if not np.isfinite(power) or len(told) < states:
+            power = float(np.sum(counted[:, -2] ** 2) + np.sum(off**2))
+            if not np.isfinite(power) or len(counted) < states:
                 break
             if power < least:
                 gained, nearest, least = least - power, now, power
                 if gained < BLIND * power:
                     break
-            design = np.vstack([told[:, : m + len(rows_of)], np.diag(1.0 / deviation)])
-            now = now - np.linalg.lstsq(design, np.concatenate([told[:, -2], off]), rcond=BLIND)[0]
-        return self._begin(start, nearest)
-
-    def _begin(self, start: Array, told: Array) -> Array:
-        """The start with what a part tells of it; the coefficients of where a record begins go into the model."""
-        m = len(self.own)
-        if m:
-            theta = self.model.theta.copy()
-            theta[self.own] = told[:m]
-            self.model = replace(self.model, theta=theta)
-        begun = start.copy()
-        begun[self.of_start] = told[m:]
-        return begun
+            design = np.vstack([counted[:, : len(now)], np.diag(1.0 / deviation)])
+            now = now - np.linalg.lstsq(design, np.concatenate([counted[:, -2], off]), rcond=BLIND)[0]
+        return nearest
 
     def _run(
-        self,
-        record: Record,
-        before: Beginning,
-        start: Array,
-        known: NDArray[np.int64],
-        moved: int,
+        self, record: Record, before: Beginning, x: Array, known: NDArray[np.int64], by: NDArray[np.int64],
         tested: Effects,
-    ) -> Array:
-        """Rows of one stretch from `start`; before: what effects count from; moved: how many columns of the layout's
-        start, −1 for those that a part tells (`of_start`).
+    ) -> Array:  # fmt: skip
+        """Rows of one stretch from `x`, with derivatives by the constants `known` and by these of the start; before:
+        what effects count from.
         """
-        observer = self._observer(tested)
-        observer.x[observer.estimated_index] = start
-        observer.begin_at(before.seconds, before.temperature)
-        columns = np.eye(len(start))[:, self.of_start if moved < 0 else self.layout.kept[:moved]]
-        if self.slips:
-            return self._simulated(observer, record, before.seconds, known, columns)
-        still = np.zeros((len(start), len(start)))
-        observer.assume(observer.estimated, still)
-        observer.hold(observer.estimated[observer.states :])
-        c, m = len(known), columns.shape[1]
+        observer = observer_of(self.of.problem, self.effects, self.model.noise, tested)
+        observer.x[:] = x[: len(observer.x)]
         w = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
-        z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
-        observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
-        delta = np.zeros((len(start), c + m + w))
-        delta[:, c : c + m] = columns
-        rows = np.zeros((len(z) * self.of.axes, c + m + w + 2))
-        index = np.concatenate([known, np.full(m, -1)]).astype(np.int64)
-        scan_block(observer, Portion(z, u, h, warmth), Signatures(delta, rows, known=index))
+        columns = np.eye(len(observer.estimated_index))[:, by]
+        rows = np.zeros((len(record) * self.of.axes, len(known) + len(by) + w + 2))
+        (self._simulate if self.slips else self._scan)(observer, record, before, known, columns, rows)
         rows[~np.isfinite(record.sense).ravel(), -1] = np.nan
         return rows
 
-    def _simulated(
-        self, observer: Observer, record: Record, ago: float, known: NDArray[np.int64], columns: Array
-    ) -> Array:
+    def _scan(
+        self, observer: Observer, record: Record, before: Beginning, known: NDArray[np.int64], columns: Array,
+        rows: Array,
+    ) -> None:  # fmt: skip
+        """Fill the rows by the filter's pass, of a start that is known; columns (start, m)."""
+        observer.begin_at(before.seconds, before.temperature)
+        observer.assume(observer.estimated, np.zeros((len(columns), len(columns))))
+        observer.hold(observer.estimated[observer.states :])
+        c, m = len(known), columns.shape[1]
+        z, u, h, warmth = observer.scaled(record.sense, record.drive, record.step, record.channels.get("temperature"))
+        observer.allow_steps(float(np.max(h, initial=observer.h)), u.shape[2] - 1)
+        delta = np.zeros((len(columns), rows.shape[1] - 2))
+        delta[:, c : c + m] = columns
+        index = np.concatenate([known, np.full(m, -1)]).astype(np.int64)
+        scan_block(observer, Portion(z, u, h, warmth), Signatures(delta, rows, known=index))
+
+    def _simulate(
+        self, observer: Observer, record: Record, before: Beginning, known: NDArray[np.int64], columns: Array,
+        rows: Array,
+    ) -> None:  # fmt: skip
         """The same by the run that carries what depends on the way, and its sensitivities."""
-        c, m, axes = len(known), columns.shape[1], self.of.axes
-        w = sum(len(effect.coefficients) for _, effect in observer.effects[observer.carried :])
+        c, m, k = len(known), columns.shape[1], rows.shape[1] - 2
         whole = Observer(observer.device, observer.settings, known=True)
         state = np.array(observer.x * observer.factors)
         drive = np.concatenate([0.0 * record.drive[:1], record.drive])
         step = np.concatenate([record.step[:1], record.step])
-        rows = np.full((len(record) * axes, c + m + w + 2), np.nan)
         try:
-            run = simulate(whole, state, drive, step=step, sensitive=bool(c + m + w), ago=ago)
+            run = simulate(whole, state, drive, step=step, sensitive=bool(k), ago=before.seconds)
         except ModelError:
-            rows[:, -2], rows[:, -1] = np.inf, 0.0
-            return rows
+            rows[:, -2] = np.inf
+            return
         deviation = np.sqrt(observer.sense_noise) * np.abs(observer.volts)
         rows[:, -2] = ((record.sense - run.sensed[1:]) / deviation).ravel()
         rows[:, -1] = np.tile(np.log(deviation / np.abs(observer.volts)), len(record))
-        if c + m + w:
+        if k:
             scaled = -(run.sensitivity[1:] * observer.factors) / deviation[:, None]
             by = scaled.reshape(-1, scaled.shape[2])
             rows[:, :c] = by[:, observer.states + known]
             rows[:, c : c + m] = by[:, observer.estimated_index] @ columns
-            rows[:, c + m : c + m + w] = by[:, by.shape[1] - w :]
-        rows[~np.isfinite(record.sense).ravel(), -1] = np.nan
-        return rows
+            rows[:, c + m : k] = by[:, by.shape[1] - (k - c - m) :]

@@ -245,9 +245,7 @@ def _judging(part: Part) -> Part:
     """A record that is held out: where a free run of it begins is told by its first quarter."""
     if not isinstance(part.of, FreeRun):
         return part
-    return part._replace(
-        of=replace(part.of, fitted=False, alone=True, telling=max(part.of.samples // BEGINNING, TELLING))
-    )
+    return part._replace(of=replace(part.of, alone=True, telling=max(part.of.samples // BEGINNING, TELLING)))
 
 
 def _beginnings(parts: Sequence[Part], samples: int) -> Iterator[Part]:

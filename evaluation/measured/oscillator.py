@@ -10,7 +10,7 @@ from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
 from estimator.trace.checks import CHECKS, deviations
 from estimator.trace.chosen import Chosen, choose
-from estimator.trace.free_run import FreeRun
+from estimator.trace.free_run import TELLING, FreeRun
 from estimator.trace.named import constants_of, effects_of
 from estimator.trace.problem import Problem
 from estimator.trace.trace import evidence_of, judge, judged_of
@@ -55,7 +55,7 @@ def confirmed(name: str, chosen: Chosen, whole: Record) -> tuple[Chosen, str, tu
 
 def judged(name: str, chosen: Chosen, test: Record) -> tuple[str, tuple[str, ...]]:
     """The word on `test`, a record by itself, of what was chosen, and what speaks against it."""
-    evidence = evidence_of(FreeRun(Problem(test, *declared(name)), fitted=False), chosen, chosen.after, None, None)
+    evidence = evidence_of(FreeRun(Problem(test, *declared(name)), telling=TELLING), chosen, chosen.after, None, None)
     checks = [check for checker in CHECKS for check in checker(evidence)]
     word = verdict_of(
         list(evidence.without),
@@ -78,7 +78,7 @@ def errors_on(record: Record, name: str, chosen: Chosen, *, fitted: bool = False
     """What free runs (n, axes) V are off on a record, before and after; NaN over its first samples, which tell their
     start, unless the record is the one that was `fitted`, with what comes after.
     """
-    of = FreeRun(Problem(record, *declared(name)), fitted=fitted)
+    of = FreeRun(Problem(record, *declared(name)), telling=0 if fitted else TELLING)
     models = (chosen.before, chosen.after)
     before, after = (of.evaluate(one.layout, one.model, derivatives=False).innovation for one in models)
     return before, after
