@@ -28,6 +28,7 @@ from estimator.trace.likelihood import is_searched
 from estimator.trace.problem import Effects, Problem, Progress, unseen
 from estimator.trace.score_test import Score
 from estimator.trace.search import margin as margin_of
+from estimator.trace.search import shortlisted
 
 _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
@@ -206,12 +207,11 @@ def serious_of(of: Stretched, seen: Scores, effects: Effects, margin: float) -> 
     """The best of each kind, the largest gain first, of those that may stand better by the margin once fitted, what
     their numbers cost taken off.
     """
-    best: dict[str, Score] = {}
-    for score in seen.table:
-        worth = score.robust - price(of, score, seen.samples)
-        if worth > WORTH * margin and not _is_of_the_rate(effects[score.name], score.gain, of, seen):
-            best.setdefault(kind(score.name), score)
-    return list(best.values())
+    return shortlisted([
+        score for score in seen.table
+        if score.robust - price(of, score, seen.samples) > WORTH * margin
+        and not _is_of_the_rate(effects[score.name], score.gain, of, seen)
+    ], 0.0)  # fmt: skip
 
 
 def price(of: Stretched, score: Score, samples: int) -> float:

@@ -25,7 +25,7 @@ from estimator.trace.fit import FittedModel
 from estimator.trace.named import effects_of
 from estimator.trace.problem import Effects
 from estimator.trace.score_test import Score
-from estimator.trace.search import SHORTLIST, first_possible, fitted_candidates, gain_of
+from estimator.trace.search import first_possible, fitted_candidates, gain_of
 
 HARMLESS = 1.0 / 3.0
 """Of the limit: what moves the angle by less is told, not held against the run."""
@@ -63,7 +63,7 @@ def leading(
     of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.  `move` has
     how far (m,) effects as large as they are move the angle.
     """
-    best = first_possible(of, fitted_candidates(of, base, serious[:SHORTLIST]))
+    best = first_possible(of, fitted_candidates(of, base, serious))
     if best is None or not best[1].surplus_over(base) > margin:
         return None
     name, model = best

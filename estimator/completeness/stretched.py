@@ -12,7 +12,7 @@ from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, advanced, at, fit, maximise
 from estimator.trace.likelihood import Evaluation, Layout, Model, ObserverLayout
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.search import QUICK, carried_over
+from estimator.trace.search import QUICK, with_effects
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,6 @@ class Stretched(Filtered):
     known: Mapping[str, float] = field(default_factory=dict)
 
     def part(self, rows: slice) -> "Stretched":
-        """The same of these samples of the first stretch only."""
         first = Filtered.part(self, rows)
         if first is self and not self.later:
             return self
@@ -81,12 +80,11 @@ def beside(of: Stretched, base: FittedModel, constants: Collection[str], most: f
     than `most` times the noise without.
     """
     effects = {**base.layout.effects_of(base.model), **{name: {} for name in constants}}
-    layout = of.layout(effects)
-    theta = carried_over(base, layout)
-    quiet = maximise(of, at(of, layout, Model(effects, theta, of.declared_noise())))
+    layout, model = with_effects(of, base, effects)
+    quiet = maximise(of, at(of, layout, replace(model, noise=of.declared_noise())))
     if base.model.noise == of.declared_noise() or _accounts(quiet, most):
         return quiet
-    return maximise(of, at(of, layout, Model(effects, theta, base.model.noise)))
+    return maximise(of, at(of, layout, model))
 
 
 def _accounts(found: FittedModel, most: float) -> bool:

@@ -3,6 +3,13 @@
 from estimator.effects.declaration import Delayed, Effect, name_of
 from estimator.model.formula import as_declared, is_nothing, written
 
+_OF_Y = ("ÿ", "y\u0308", "sensed y", "drive y")
+
+
+def equations_on(effect: Effect, axes: int) -> tuple[str, ...]:
+    """The same of a device with so many axes."""
+    return tuple(line for line in equations(effect) if axes == 2 or not line.startswith(_OF_Y))
+
 
 def equations(effect: Effect) -> tuple[str, ...]:
     """What the effect adds to each axis, a line each."""

@@ -14,12 +14,12 @@ from scipy.integrate import cumulative_trapezoid
 
 from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Interval
+from estimator.effects.equation import equations_on
 from estimator.envelope.course import Power, level_at
 from estimator.envelope.laws import LINEAR, Law, laws
 from estimator.envelope.record import DECIBEL, Envelope, Resonator
 from estimator.errors import ModelError
 from estimator.scaling import Array
-from estimator.trace.axes import equations_on
 from estimator.trace.likelihood import Evaluation, Model, Size
 from estimator.trace.output_error import OutputError, OutputLayout, Predicted, Rows, Term
 from estimator.trace.problem import Effects

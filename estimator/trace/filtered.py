@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -27,7 +28,7 @@ from estimator.trace.likelihood import (
     observer_of,
     reach_of,
 )
-from estimator.trace.noise import MEDIAN_OF_SQUARE, level
+from estimator.trace.noise import MEDIAN_OF_SQUARE
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import begin_moving
 
@@ -60,26 +61,21 @@ class Filtered(Likelihood):
 
     @property
     def effects(self) -> Effects:
-        """What the bench declares beside the base model."""
         return self.problem.effects
 
     @property
     def axes(self) -> int:
-        """Of the device."""
         return self.problem.device.axes
 
     @property
     def samples(self) -> int:
-        """Of the record."""
         return len(self.problem.record)
 
     @property
     def first(self) -> int:
-        """Samples of the beginning that is fitted first."""
         return FIRST
 
     def part(self, rows: slice) -> "Filtered":
-        """The same of these samples only."""
         rows = slice(*rows.indices(self.samples))
         if rows == slice(0, self.samples, 1):
             return self
@@ -97,7 +93,6 @@ class Filtered(Likelihood):
         return Filtered(self.problem.part(rows), Beginning(seconds, first))
 
     def layout(self, effects: Effects) -> Layout:
-        """The parameters of the model with these effects."""
         return ObserverLayout(self.problem, effects)
 
     def effect(self, name: str) -> Effect:
@@ -187,7 +182,6 @@ class Filtered(Likelihood):
         return found
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
-        """The model with the random force that is declared, and with the one that it has."""
         return replace(model, noise=replace(model.noise, force=self.declared_noise().force)), model
 
     def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
@@ -218,11 +212,9 @@ class Filtered(Likelihood):
         a filter may lose the motion for what the model lacks, and its likelihood says nothing of a larger.
         """
         least, most = self._decades
-        found = [self._of_force(model, float(value)) for value in np.arange(least, most, ROUGH)]
-        return max(found, key=lambda one: self._log_likelihood(layout, one))
+        return self.likeliest(layout, [self._of_force(model, float(value)) for value in np.arange(least, most, ROUGH)])
 
     def quieten(self, layout: Layout, model: Model) -> Model:
-        """The model with about the random force that makes the record most probable."""
         return self._with_force(layout, model, ROUGH)
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:
@@ -230,27 +222,22 @@ class Filtered(Likelihood):
 
         A model that lacks something has a random force in its place, as large as what it leaves.
         """
-        tried = (model, self._balanced(layout, model))
-        model = self._with_force(layout, max(tried, key=lambda one: self._log_likelihood(layout, one)), CLOSE)
+        model = self.likeliest(layout, (model, self._balanced(layout, model)))
+        model = self._with_force(layout, model, CLOSE)
         if self.axes == 1:
             return model
-        declared = np.log10(self.declared_noise().rate)
-        between = (float(declared), float(declared + RATE_DECADES))
+        declared = float(np.log10(self.declared_noise().rate))
 
         def with_rate(value: float) -> Model:
             return replace(model, noise=replace(model.noise, rate=float(10.0**value)))
 
-        return with_rate(
-            level(lambda v: self._log_likelihood(layout, with_rate(v)), np.log10(model.noise.rate), between, ROUGH)
-        )
+        start = float(np.log10(model.noise.rate))
+        return self.at_level(layout, with_rate, start, (declared, declared + RATE_DECADES), ROUGH)
 
     def _with_force(self, layout: Layout, model: Model, close: float) -> Model:
         """The model with the random force next to its own that makes the record most probable."""
-
-        def likelihood(value: float) -> float:
-            return self._log_likelihood(layout, self._of_force(model, value))
-
-        return self._of_force(model, level(likelihood, np.log10(model.noise.force), self._decades, close))
+        start = float(np.log10(model.noise.force))
+        return self.at_level(layout, partial(self._of_force, model), start, self._decades, close)
 
     @property
     def _decades(self) -> tuple[float, float]:
@@ -262,9 +249,6 @@ class Filtered(Likelihood):
         declared = self.declared_noise().force
         force = declared if decade == float(np.log10(declared)) else float(10.0**decade)  # not rounded: another model
         return replace(model, noise=replace(model.noise, force=force))
-
-    def _log_likelihood(self, layout: Layout, model: Model) -> float:
-        return self.evaluate(layout, model, derivatives=False).log_likelihood
 
     def _balanced(self, layout: Layout, model: Model) -> Model:
         """With the sense noise of each axis as its innovations have it beside the others'."""

@@ -143,7 +143,6 @@ class FreeRun(Filtered):
         return replace(self, followed=True)
 
     def layout(self, effects: Effects) -> Layout:
-        """The parameters of the model with these effects, and the start of the record."""
         return StartLayout(self.problem, effects)
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
@@ -197,11 +196,9 @@ class FreeRun(Filtered):
         return self.no_disturbance()
 
     def at_first(self, layout: Layout, model: Model) -> Model:
-        """The model as it is, or with the random force that makes the record most probable, of all."""
         return super().at_first(layout, model) if self.followed else model
 
     def quieten(self, layout: Layout, model: Model) -> Model:
-        """The model as it is, or with about the random force that makes the record most probable."""
         return super().quieten(layout, model) if self.followed else model
 
     def fit_noise(self, layout: Layout, model: Model) -> Model:

@@ -1,7 +1,7 @@
 """One pass of the filter over a record: innovations, their likelihood, and its derivatives by any parameters."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from itertools import pairwise
@@ -19,6 +19,7 @@ from estimator.scaling import Array, Scaling
 from estimator.settings import Gain, ObserverSettings, Variant
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.examination import Examination
+from estimator.trace.noise import level
 from estimator.trace.problem import Effects, Problem
 
 BLOCKS = 24
@@ -439,6 +440,20 @@ class Likelihood(Protocol):
         """A pass over the record; with `derivatives` by the model's parameters and by the coefficients of effects in
         `tested`, which are zero.
         """
+
+    def likeliest(self, layout: Layout, models: Sequence[Model]) -> Model:
+        """The one that makes the record most probable."""
+        return max(models, key=lambda one: self.evaluate(layout, one, derivatives=False).log_likelihood)
+
+    def at_level(
+        self, layout: Layout, of: Callable[[float], Model], start: float, between: tuple[float, float], close: float
+    ) -> Model:
+        """Of the models of a level, that next to `start` which makes the record most probable."""
+
+        def likelihood(value: float) -> float:
+            return self.evaluate(layout, of(value), derivatives=False).log_likelihood
+
+        return of(level(likelihood, start, between, close))
 
 
 @dataclass(frozen=True)

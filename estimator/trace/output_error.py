@@ -35,7 +35,6 @@ from estimator.trace.likelihood import (
     Noise,
     Size,
 )
-from estimator.trace.noise import level
 from estimator.trace.problem import Effects
 
 NO_WALK, ALL_WALK = 1e-3, 1e1
@@ -212,13 +211,11 @@ class OutputError(Likelihood):
         def with_force(value: float) -> Model:
             return replace(model, noise=replace(model.noise, force=float(10.0**value)))
 
-        def of(value: float) -> float:
-            return self.evaluate(layout, with_force(value), derivatives=False).log_likelihood
-
         least, most = self._decades()
         # Two tops: none at all, and one that follows what is left.
-        start = max(np.arange(least, most, 1.0).tolist(), key=of)
-        return with_force(level(of, start, (least, most), CLOSE))
+        begun = self.likeliest(layout, [with_force(value) for value in np.arange(least, most, 1.0).tolist()])
+        start = float(np.log10(begun.noise.force))
+        return self.at_level(layout, with_force, start, (least, most), CLOSE)
 
     def disturbed(self, layout: Layout, model: Model) -> tuple[Model, Model]:
         """The model without a walk, and with the one that the record asks for: none, where what is left is no more

@@ -6,18 +6,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Diagnosis, Fit, Found, Interval, Separation, Verdict
 from estimator.effects.labels import kind
 from estimator.residual.whiteness import portmanteau
 from estimator.scaling import Array
 from estimator.side_by_side import one_blas_thread
 from estimator.trace.ambiguity import Member
-from estimator.trace.checks import CHECKS, Evidence, covariance
+from estimator.trace.checks import CHECKS, Evidence
 from estimator.trace.chosen import choose
 from estimator.trace.examination import Figures
 from estimator.trace.fit import ROUGH, FittedModel, at, maximise
 from estimator.trace.likelihood import Check
+from estimator.trace.named import half_width
 from estimator.trace.output_error import OutputError, OutputLayout
 from estimator.trace.probabilities import probabilities
 from estimator.trace.rejected import Failed, rejected
@@ -28,11 +28,6 @@ LAGS = 20
 """Over which what is left is asked whether it is white."""
 REFUSED = ("held out", "sign", "limit", "walk")
 """Checks without which an effect is no part of a model; the others may fail for what else is left."""
-
-
-def half_width(model: FittedModel, k: int) -> float:
-    """Half-width of the 95 % interval of a parameter, scaled."""
-    return TWO_SIDED * float(np.sqrt(max(covariance(model)[k, k], 0.0)))
 
 
 @one_blas_thread()

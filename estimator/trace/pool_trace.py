@@ -6,15 +6,14 @@ from functools import partial
 
 import numpy as np
 
-from estimator.chance import TWO_SIDED
-from estimator.diagnosis import Dependence, Diagnosis, Fit, Interval
+from estimator.diagnosis import Dependence, Diagnosis, Fit
 from estimator.scaling import Array
-from estimator.trace.checks import Evidence, agreement, deviations
+from estimator.trace.checks import Evidence, agreement
 from estimator.trace.chosen import choose
 from estimator.trace.examination import Figures
 from estimator.trace.fit import FittedModel
 from estimator.trace.free_run import FreeRun
-from estimator.trace.named import constants_of, effects_of
+from estimator.trace.named import constants_of, effects_of, interval
 from estimator.trace.pool import Pool
 from estimator.trace.pooled import Pooled, pooled
 from estimator.trace.pooled_layout import PooledLayout, constant_of
@@ -75,15 +74,9 @@ def _dependence(whole: Pooled, evidence: Evidence, name: str) -> Dependence:
     assert isinstance(layout, PooledLayout)
     (slope,) = layout.of(name)
     unit = evidence.of.effect(name).coefficients[0].unit
-    middle, changes = (_interval(model, k, unit) for k in (layout.tilted[slope][0], slope))
+    middle, changes = (interval(model, k, unit) for k in (layout.tilted[slope][0], slope))
     gain = 2.0 * (model.objective - evidence.without[name].objective)
     return Dependence(str(constant), str(whole.level.covariate), whole.level.mean, middle, changes, gain)
-
-
-def _interval(model: FittedModel, k: int, unit: str) -> Interval:
-    value = float(model.model.theta[k] * model.layout.factor[k])
-    half = TWO_SIDED * float(deviations(model)[k] * abs(model.layout.factor[k]))
-    return Interval(value, value - half, value + half, unit)
 
 
 def _by_record(whole: Pooled, evidence: Evidence) -> tuple[str, ...]:

@@ -58,7 +58,6 @@ class Pooled(Filtered):
 
     @property
     def samples(self) -> int:
-        """Of all records."""
         return sum(part.of.samples for part in (*self.parts, *self.judges))
 
     @property
@@ -68,7 +67,6 @@ class Pooled(Filtered):
 
     @property
     def first(self) -> int:
-        """Samples of the beginnings that are fitted first."""
         return sum(min(part.of.first, part.of.samples) for part in self.parts)
 
     def part(self, rows: slice) -> Self:
@@ -81,7 +79,6 @@ class Pooled(Filtered):
         return replace(self, parts=tuple(_beginnings(parts, samples)), judges=())
 
     def layout(self, effects: Effects) -> PooledLayout:
-        """The parameters of the model with these effects."""
         return PooledLayout(self.parts, self.level, effects)
 
     def effect(self, name: str) -> Described:  # type: ignore[override]
@@ -116,7 +113,6 @@ class Pooled(Filtered):
     def evaluate(
         self, layout: Layout, model: Model, *, derivatives: bool = True, tested: Effects | None = None
     ) -> Evaluation:
-        """A pass over each record."""
         assert isinstance(layout, PooledLayout)
         asked = partial(self._of_record, layout, model, derivatives, tested or {})
         each = side_by_side([partial(asked, number) for number in range(len(self.parts))])
@@ -184,7 +180,6 @@ class Pooled(Filtered):
         return super().effect(name).search
 
     def examined(self, constants: Mapping[str, float], effects: Effects, split: int) -> Examination:
-        """What the bench's observer makes of each record with these effects."""
         pieces = [partial(self._examined, part, constants, effects) for part in (*self.parts, *self.judges)]
         each, fitted = side_by_side(pieces), len(self.parts)
         return Examination(
@@ -213,7 +208,6 @@ class PooledFreeRun(Pooled, FreeRun):
 
     @property
     def following(self) -> "PooledFreeRun":
-        """The same with the random force that the records ask for."""
         parts = tuple(part._replace(of=part.of.following) for part in self.parts if isinstance(part.of, FreeRun))
         return replace(self, followed=True, parts=parts)
 

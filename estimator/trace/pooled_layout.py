@@ -143,7 +143,6 @@ class PooledLayout(Layout):
 
     @property
     def shared(self) -> list[int]:
-        """Places of what is no record's own."""
         own = set(self.own)
         return [place for place in range(len(self.names)) if place not in own]
 
@@ -164,7 +163,6 @@ class PooledLayout(Layout):
         return theta
 
     def effects_of(self, model: Model) -> Effects:
-        """The effects of a model with the searched parameters as they are in its theta, SI."""
         alone = Model(self.given, self._maps[self.records[0]][1] @ model.theta, model.noise)
         found = self.first.effects_of(alone)
         return {name: dict(found.get(name, {})) for name in model.effects}

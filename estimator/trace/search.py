@@ -13,7 +13,7 @@ from estimator.side_by_side import side_by_side
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fit import ROUGH, FittedModel, advanced, at, finished, fit, maximise, settle
 from estimator.trace.likelihood import RARE, TIE, Layout, Likelihood, Model
-from estimator.trace.problem import Progress, unseen
+from estimator.trace.problem import Effects, Progress, unseen
 from estimator.trace.score_test import Score, score_test
 
 SHORTLIST = THRESHOLDS.candidates.strongest
@@ -52,10 +52,7 @@ def margin(kinds: int) -> float:
     return 2.0 * float(np.log(kinds / RARE))
 
 
-def search(
-    of: Likelihood,
-    progress: Progress = unseen,
-) -> Search:
+def search(of: Likelihood, progress: Progress = unseen) -> Search:
     """Effects added (`forward`), and taken out where their gain is not sure: on the way, what the model still lacks
     scatters more than noise.
     """
@@ -63,11 +60,7 @@ def search(
     return replace(found, best=backward(of, found.best, found.margin))
 
 
-def forward(
-    of: Likelihood,
-    progress: Progress = unseen,
-    begun: FittedModel | None = None,
-) -> Search:
+def forward(of: Likelihood, progress: Progress = unseen, begun: FittedModel | None = None) -> Search:
     """Effects added while the best of the candidates has a larger criterion by the margin; on from `begun`."""
     base = now = fit(of, of.effects) if begun is None else begun
     rounds: list[Round] = []
@@ -168,10 +161,14 @@ def joined(
     """The parameters and the model with one more effect of that size (c,)."""
     bent = {one.name.partition(":")[0] for one in of.effect(name).coefficients if one.bent}
     begun = {key: value for key, value in given.items() if key not in bent}
-    effects = {**fitted.layout.effects_of(fitted.model), name: begun}
+    layout, model = with_effects(of, fitted, {**fitted.layout.effects_of(fitted.model), name: begun})
+    return layout, replace(model, theta=of.begun(layout, model.theta, name, size))
+
+
+def with_effects(of: Likelihood, fitted: FittedModel, effects: Effects) -> tuple[Layout, Model]:
+    """The parameters of the model with these effects, and the model as the fitted one has them."""
     layout = of.layout(effects)
-    theta = of.begun(layout, carried_over(fitted, layout), name, size)
-    return layout, Model(effects, theta, fitted.model.noise)
+    return layout, Model(effects, carried_over(fitted, layout), fitted.model.noise)
 
 
 def carried_over(fitted: FittedModel, layout: Layout) -> Array:
@@ -190,8 +187,7 @@ def reduced(of: Likelihood, fitted: FittedModel, name: str, theta: Array) -> tup
     """The parameters and the model with one effect less; theta (k,) of the model with it."""
     moved = replace(fitted, model=replace(fitted.model, theta=theta))
     effects = {other: given for other, given in fitted.layout.effects_of(moved.model).items() if other != name}
-    layout = of.layout(effects)
-    return layout, Model(effects, carried_over(moved, layout), fitted.model.noise)
+    return with_effects(of, moved, effects)
 
 
 def backward(of: Likelihood, fitted: FittedModel, margin: float) -> FittedModel:
@@ -214,9 +210,7 @@ def with_defaults(of: Likelihood, fitted: FittedModel) -> FittedModel:
     for name, parameter in fitted.layout.has_default:
         effects = {other: dict(given) for other, given in fitted.layout.effects_of(fitted.model).items()}
         del effects[name][parameter]
-        layout = of.layout(effects)
-        model = Model(effects, carried_over(fitted, layout), fitted.model.noise)
-        simpler = settle(of, at(of, layout, model))
+        simpler = settle(of, at(of, *with_effects(of, fitted, effects)))
         fitted = simpler if simpler.criterion > fitted.criterion else fitted
     return fitted
 

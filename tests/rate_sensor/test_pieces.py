@@ -17,7 +17,7 @@ from estimator.rate_sensor.trace import alternate_blocks
 from estimator.scaling import Array
 from estimator.trace.fit import fit
 from estimator.trace.likelihood import Model
-from estimator.trace.output_trace import half_width
+from estimator.trace.named import half_width
 
 DECLARED = Range(4.0, 2.0)
 N, STEP = 300, 1e-3
