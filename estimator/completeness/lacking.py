@@ -20,7 +20,6 @@ from estimator.effects.catalogue import effect_for
 from estimator.effects.labels import kind
 from estimator.scaling import Array
 from estimator.settings import Device
-from estimator.trace.checks import covariance
 from estimator.trace.fit import FittedModel
 from estimator.trace.named import effects_of
 from estimator.trace.problem import Effects
@@ -81,7 +80,7 @@ def _taken_alone(
     effect, layout = of.effect(name), model.layout
     places = layout.of(name)[: len(effect.coefficients)]
     factor = layout.factor[places]
-    values, spread = model.model.theta[places] * factor, covariance(model)[np.ix_(places, places)]
+    values, spread = model.model.theta[places] * factor, model.covariance[np.ix_(places, places)]
     spread = spread * np.outer(factor, factor)
     half = TWO_SIDED * np.sqrt(np.diagonal(spread))
     shift, deviation = turning.course([name], values, spread)

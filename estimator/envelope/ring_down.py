@@ -5,7 +5,7 @@ power of the noise that the sensor takes for amplitude: what is shown is √(a²
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
@@ -20,6 +20,7 @@ from estimator.envelope.laws import LINEAR, Law, laws
 from estimator.envelope.record import DECIBEL, Envelope, Resonator
 from estimator.errors import ModelError
 from estimator.scaling import Array
+from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import Evaluation, Model, Size
 from estimator.trace.output_error import OutputError, OutputLayout, Predicted, Rows, Term
 from estimator.trace.problem import Effects
@@ -192,13 +193,12 @@ class RingDown(OutputError):
         law = self.taken[name].law
         return None if law is None else law.degree
 
-    def interval(self, layout: OutputLayout, theta: Array, k: int, half: float) -> Interval:
+    def interval(self, model: FittedModel, k: int) -> Interval:
         """SI; allows for what the resonance is known to."""
-        if not layout.owner[k]:
-            value, half = float(theta[k] * layout.factor[k]), half * float(layout.factor[k])
-            return Interval(value, value - half, value + half, "1/s")
-        term = self.taken[layout.owner[k]]
-        value, half = float(theta[k]) * term.plausible, half * term.plausible
+        if not model.layout.owner[k]:
+            return model.interval(k, "1/s")
+        term = self.taken[model.layout.owner[k]]
+        value, half = (float(one) * term.plausible for one in (model.model.theta[k], TWO_SIDED * model.deviations[k]))
         if term.law is None:  # n from its power
             root = math.sqrt(abs(value))
             value, half = math.copysign(root, value), half / (2.0 * root) if root else math.inf
@@ -216,9 +216,9 @@ class RingDown(OutputError):
         told_by = "the waveform: the two take the same energy from a cycle, at other places in it"
         return {other: (told_by, _as_another(name, own, found, other, term)) for other, term in others.items()}
 
-    def said(self, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> tuple[str, ...]:
+    def said(self, model: FittedModel) -> tuple[str, ...]:
         """Damping and quality factor."""
-        one = self.interval(layout, theta, 1, half(1))
+        one = self.interval(model, 1)
         quality = self.resonator.scaling.omega0 / one.value if one.value > 0.0 else math.inf
         return (
             f"linear damping is {one.value:.4g} 1/s [{one.low:.4g}, {one.high:.4g}], a quality factor of {quality:.4g}",

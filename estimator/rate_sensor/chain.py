@@ -1,7 +1,7 @@
 """What a rate sensor is predicted to read: the chain from rate to volts with the effects that it has."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -14,6 +14,7 @@ from estimator.rate_sensor.catalogue import EFFECTS, effect_for
 from estimator.rate_sensor.declaration import Effect, Range, Stage
 from estimator.rate_sensor.record import SensorRecord
 from estimator.scaling import Array
+from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import Check, Evaluation, Model
 from estimator.trace.output_error import OutputError, OutputLayout, Predicted, Rows
 from estimator.trace.problem import Effects
@@ -164,27 +165,26 @@ class RateSensor(OutputError):
         within = np.abs(rate) <= self.declared.rate * (1.0 + 1e-9)
         return self.told[within] if within.any() and np.ptp(rate[within]) > 0.0 else self.told
 
-    def interval(self, layout: OutputLayout, theta: Array, k: int, half: float) -> Interval:
+    def interval(self, model: FittedModel, k: int) -> Interval:
         """SI, but for the output's own unit."""
-        units = {"V0": "V", "S": "V·s/rad"}
-        if layout.owner[k]:
-            units = {one.name: one.unit for one in self.effect(layout.owner[k]).coefficients}
-        value, half = float(theta[k] * layout.factor[k]), half * float(layout.factor[k])
-        return Interval(value, value - half, value + half, units[layout.names[k]].replace("V", self.declared.unit))
+        owner, units = model.layout.owner[k], {"V0": "V", "S": "V·s/rad"}
+        if owner:
+            units = {one.name: one.unit for one in self.effect(owner).coefficients}
+        return model.interval(k, units[model.layout.names[k]].replace("V", self.declared.unit))
 
-    def checks(self, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> list[Check]:
+    def checks(self, model: FittedModel) -> list[Check]:
         """The declared line, the limits, and whether the rate is known between its samples."""
-        base = {name: self.interval(layout, theta, k, half(k)) for k, name in enumerate(layout.names[:2])}
+        base = {name: self.interval(model, k) for k, name in enumerate(self.base)}
         off = () if self.line is None else against(base, self.line)
         checks = [Check("declared line", passed=False, sentence=one) for one in off]
-        limits = [name for name in layout.effects if self.effect(name).stage is Stage.LIMIT]
-        checks += [self._limit(name, layout, theta, half) for name in limits]
-        timed = any(effect.needs == "time" and effect.stage <= Stage.RATE for effect, _ in self.given(layout, theta))
+        effects = {name: self.effect(name) for name in model.model.effects}
+        checks += [self._limit(name, model) for name, effect in effects.items() if effect.stage is Stage.LIMIT]
+        timed = any(effect.needs == "time" and effect.stage <= Stage.RATE for effect in effects.values())
         return [*checks, *(self._between_samples(abs(base["S"].value)) if timed else ())]
 
-    def _limit(self, name: str, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> Check:
+    def _limit(self, name: str, model: FittedModel) -> Check:
         """No reading of the part held out lies beyond a limit of the output."""
-        low, high = (self.interval(layout, theta, k, half(k)) for k in layout.of(name)[:2])
+        low, high = (self.interval(model, k) for k in model.layout.of(name)[:2])
         margin, unit = FORBIDDEN * self.floor[0], self.declared.unit
         readings = self.record.voltage[self.counted]
         lowest, highest = float(np.min(readings)), float(np.max(readings))

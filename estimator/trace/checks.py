@@ -72,7 +72,7 @@ def held_out(seen: Evidence) -> list[Check]:
 def sign(seen: Evidence) -> list[Check]:
     """A coefficient that physics makes positive is not below zero by more than chance."""
     checks = []
-    layout, deviation = seen.model.layout, deviations(seen.model)
+    layout, deviation = seen.model.layout, seen.model.deviations
     for name in seen.without:
         effect = seen.of.effect(name)
         places = layout.of(name)[: len(effect.coefficients)]
@@ -94,7 +94,7 @@ def prior(seen: Evidence) -> list[Check]:
     """The constants of the base model are where the bench file has them."""
     layout = seen.model.layout
     off = (seen.model.model.theta - layout.mean) / layout.deviation
-    deviation = deviations(seen.model) / layout.deviation
+    deviation = seen.model.deviations / layout.deviation
     checks = []
     for k in layout.constants:
         if layout.names[k] in layout.varying:
@@ -253,16 +253,3 @@ CHECKS: tuple[Callable[[Evidence], list[Check]], ...] = (
     outliers,
     reference,
 )
-
-
-def deviations(fitted: FittedModel) -> Array:
-    """Standard deviations (k,) of a model's parameters, scaled, as robust as the record asks for (`covariance`)."""
-    return np.asarray(np.sqrt(np.maximum(np.diagonal(covariance(fitted)), 0.0)))
-
-
-def covariance(fitted: FittedModel) -> Array:
-    """(k, k) of a model's parameters: the inverse of the information, each deviation wider by how much more its own
-    estimate scatters from part to part of the record than white innovations let it (White, Econometrica 50, 1982).
-    """
-    inverse, wider = np.linalg.inv(fitted.posterior_information), np.sqrt(fitted.widening)
-    return np.asarray(inverse * np.outer(wider, wider))

@@ -5,6 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
+from estimator.diagnosis import Interval
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.likelihood import Evaluation, Layout, Likelihood, Model
@@ -115,6 +117,25 @@ class FittedModel:
         parts = len(steps)
         scatter = parts / (parts - 1.0) * np.sum(steps**2, axis=0) / np.diagonal(inverse)
         return np.asarray(np.maximum(scatter, 1.0))
+
+    @cached_property
+    def covariance(self) -> Array:
+        """(k, k) of the parameters: the inverse of the information, each deviation wider by how much more its own
+        estimate scatters from part to part of the record than white innovations let it (White, Econometrica 50, 1982).
+        """
+        inverse, wider = np.linalg.inv(self.posterior_information), np.sqrt(self.widening)
+        return np.asarray(inverse * np.outer(wider, wider))
+
+    @cached_property
+    def deviations(self) -> Array:
+        """(k,) the same, standard, of each."""
+        return np.asarray(np.sqrt(np.maximum(np.diagonal(self.covariance), 0.0)))
+
+    def interval(self, k: int, unit: str) -> Interval:
+        """A parameter, SI, with its 95 % interval."""
+        factor = float(self.layout.factor[k])
+        value, half = float(self.model.theta[k] * factor), TWO_SIDED * float(self.deviations[k] * abs(factor))
+        return Interval(value, value - half, value + half, unit)
 
     def gain_over(self, other: "FittedModel", name: str | None = None) -> float:
         """Twice the gain of log-likelihood over another model, as far as the record is sure of it, less what the

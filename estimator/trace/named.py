@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from estimator.chance import TWO_SIDED
 from estimator.diagnosis import Found, Interval
 from estimator.effects.declaration import Effect, name_of
 from estimator.effects.equation import equations_on
 from estimator.effects.labels import kind
 from estimator.trace.angle import AngleReader
-from estimator.trace.checks import Evidence, covariance, deviations
+from estimator.trace.checks import Evidence
 from estimator.trace.fit import FittedModel
 from estimator.trace.problem import Effects
 
@@ -37,30 +36,18 @@ def called(name: str, named: Iterable[str]) -> str:
     return name if sum(kind(other) == kind(name) for other in named) > 1 else kind(name)
 
 
-def half_width(model: FittedModel, k: int) -> float:
-    """Half-width of the 95 % interval of a parameter, scaled."""
-    return TWO_SIDED * float(deviations(model)[k])
-
-
-def interval(model: FittedModel, k: int, unit: str) -> Interval:
-    """A parameter, SI, with its 95 % interval."""
-    factor = float(model.layout.factor[k])
-    value, half = float(model.model.theta[k] * factor), TWO_SIDED * float(deviations(model)[k] * abs(factor))
-    return Interval(value, value - half, value + half, unit)
-
-
 def intervals_of(effect: Effect, model: FittedModel, name: str) -> dict[str, Interval]:
     """Coefficients and searched parameters of an effect of a model, SI, with their 95 % intervals."""
     names = model.layout.names
     units = {c.name: c.unit for c in effect.coefficients} | {p.name: p.unit for p in effect.parameters}
-    return {kind(names[k]): interval(model, k, units[names[k]]) for k in model.layout.of(name)}
+    return {kind(names[k]): model.interval(k, units[names[k]]) for k in model.layout.of(name)}
 
 
 def found_of(name: str, evidence: Evidence, carried: Effects, reader: AngleReader) -> Found:
     """An effect as it is told."""
     model, effect = evidence.model, evidence.of.effect(name)
     assert isinstance(effect, Effect)
-    layout, spread, places = model.layout, covariance(model), model.layout.of(name)
+    layout, spread, places = model.layout, model.covariance, model.layout.of(name)
     intervals = intervals_of(effect, model, name)
     if evidence.held_out.records:  # what each of several has of its own is none of the device's
         each = {kind(c.name) for c in effect.coefficients if c.own}

@@ -5,7 +5,7 @@ wanders; or, in a table of steady states, along its input, where it is a curve t
 """
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import ClassVar, Self
@@ -22,6 +22,7 @@ from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
 from estimator.trace.examination import Examination
 from estimator.trace.filtered import CLOSE
+from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import (
     AT_FLOOR,
     BLOCKS,
@@ -146,11 +147,9 @@ class OutputError(Likelihood):
         """`theta` (k,) with the last effect where it begins."""
         return theta
 
-    def interval(self, layout: OutputLayout, theta: Array, k: int, half: float) -> Interval:
-        """Of a parameter, SI, from the half-width of its interval, scaled."""
-        value, half = float(theta[k] * layout.factor[k]), half * float(layout.factor[k])
-        units = {one.name: one.unit for one in self.effect(layout.owner[k]).coefficients}
-        return Interval(value, value - half, value + half, units[layout.names[k]])
+    @abstractmethod
+    def interval(self, model: FittedModel, k: int) -> Interval:
+        """Of a parameter, SI."""
 
     def same(self, name: str, found: Mapping[str, Interval]) -> Mapping[str, tuple[str, str]]:
         """Effects that do the same to any such record as one that was found, each with what would tell it apart, and
@@ -158,11 +157,11 @@ class OutputError(Likelihood):
         """
         return {}
 
-    def checks(self, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> list[Check]:
+    def checks(self, model: FittedModel) -> list[Check]:
         """What this kind of record asks of a model, beside what all do."""
         return []
 
-    def said(self, layout: OutputLayout, theta: Array, half: Callable[[int], float]) -> tuple[str, ...]:
+    def said(self, model: FittedModel) -> tuple[str, ...]:
         """Of the base model, a sentence each."""
         return ()
 

@@ -1,7 +1,6 @@
 """From readings that follow no motion to a diagnosis: the same search, exchange and checks, and what the kind adds."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +16,7 @@ from estimator.trace.chosen import choose
 from estimator.trace.examination import Figures
 from estimator.trace.fit import ROUGH, FittedModel, at, maximise
 from estimator.trace.likelihood import Check
-from estimator.trace.named import half_width
-from estimator.trace.output_error import OutputError, OutputLayout
+from estimator.trace.output_error import OutputError
 from estimator.trace.probabilities import probabilities
 from estimator.trace.rejected import Failed, rejected
 from estimator.trace.trace import evidence_of, judge
@@ -68,7 +66,7 @@ def trace_output(of: OutputError, fitting: NDArray[np.bool_], base: FittedModel 
         reasons=_reasons(later, judged, given),
         undetermined=tuple(said for _, _, (_, said) in same),
         probabilities=probabilities(evidence, judged.checks, accounts, chosen.found),
-        base=_told(of, model if named else base),
+        base=_intervals(of, model if named else base, [base.layout.names.index(name) for name in of.base]),
     )  # fmt: skip
 
 
@@ -76,7 +74,7 @@ def _checks(of: OutputError, evidence: Evidence, later: OutputError) -> list[Che
     """Those of all kinds of records, of this one, and of a walk."""
     model = evidence.model
     checks = [check for checker in CHECKS for check in checker(evidence)]
-    checks += later.checks(_layout(model), model.model.theta, partial(half_width, model))
+    checks += later.checks(model)
     checks += _walk(of, evidence)
     # What is not the same in all parts of the record may be what else is left.
     return [one if one.name in REFUSED else replace(one, effect="") for one in checks]
@@ -104,26 +102,15 @@ def _walk(of: OutputError, evidence: Evidence) -> list[Check]:
 def _reasons(later: OutputError, judged: Judged, given: Diagnosis) -> tuple[str, ...]:
     """Why the verdict is what it is: what is to be said of the base model, then checks that failed."""
     model = judged.evidence.model
-    reasons = [*later.said(_layout(model), model.model.theta, partial(half_width, model))]
+    reasons = [*later.said(model)]
     if given.verdict is Verdict.PARTLY and given.share is not None:
         acts = " and ".join(kind(name).replace("_", " ") for name in judged.named)
         reasons.append(f"something acts like {acts}: {given.share:.1%} of the power above the noise floor goes")
     return (*reasons, *judged.against, *(later.remarks() if given.verdict.is_open else ()))
 
 
-def _layout(model: FittedModel) -> OutputLayout:
-    assert isinstance(model.layout, OutputLayout)
-    return model.layout
-
-
 def _intervals(of: OutputError, model: FittedModel, places: list[int]) -> dict[str, Interval]:
-    layout = _layout(model)
-    return {layout.names[k]: of.interval(layout, model.model.theta, k, half_width(model, k)) for k in places}
-
-
-def _told(of: OutputError, model: FittedModel) -> dict[str, Interval]:
-    """Constants of the base model."""
-    return _intervals(of, model, [model.layout.names.index(name) for name in of.base])
+    return {model.layout.names[k]: of.interval(model, k) for k in places}
 
 
 def _found(of: OutputError, evidence: Evidence, name: str) -> Found:

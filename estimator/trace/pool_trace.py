@@ -13,7 +13,7 @@ from estimator.trace.chosen import choose
 from estimator.trace.examination import Figures
 from estimator.trace.fit import FittedModel
 from estimator.trace.free_run import FreeRun
-from estimator.trace.named import constants_of, effects_of, interval
+from estimator.trace.named import constants_of, effects_of
 from estimator.trace.pool import Pool
 from estimator.trace.pooled import Pooled, pooled
 from estimator.trace.pooled_layout import PooledLayout, constant_of
@@ -74,7 +74,7 @@ def _dependence(whole: Pooled, evidence: Evidence, name: str) -> Dependence:
     assert isinstance(layout, PooledLayout)
     (slope,) = layout.of(name)
     unit = evidence.of.effect(name).coefficients[0].unit
-    middle, changes = (interval(model, k, unit) for k in (layout.tilted[slope][0], slope))
+    middle, changes = (model.interval(k, unit) for k in (layout.tilted[slope][0], slope))
     gain = 2.0 * (model.objective - evidence.without[name].objective)
     return Dependence(str(constant), str(whole.level.covariate), whole.level.mean, middle, changes, gain)
 

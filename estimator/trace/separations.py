@@ -14,7 +14,6 @@ from estimator.scaling import Array
 from estimator.settings import Device, Gain
 from estimator.side_by_side import side_by_side
 from estimator.trace.ambiguity import Member
-from estimator.trace.checks import covariance
 from estimator.trace.experiments import EXPERIMENTS, SETTLED, Experiment, in_words, loop_record, turn_for
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, beside
@@ -117,7 +116,7 @@ def _shown(of: Filtered, model: FittedModel, name: str, members: list[Member]) -
 def _spread(of: Filtered, model: FittedModel, name: str) -> Array:
     """Covariance (c, c) of an effect's coefficients, scaled."""
     own = model.layout.of(name)[: len(of.effect(name).coefficients)]
-    return covariance(model)[np.ix_(own, own)]
+    return model.covariance[np.ix_(own, own)]
 
 
 def _simplest(able: list[Advice], span: float) -> Advice:

@@ -8,7 +8,7 @@ from estimator.chance import TWO_SIDED
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Device, ObserverSettings
-from estimator.trace.checks import CHECKS, deviations
+from estimator.trace.checks import CHECKS
 from estimator.trace.chosen import Chosen, choose
 from estimator.trace.free_run import TELLING, FreeRun
 from estimator.trace.named import constants_of, effects_of
@@ -89,7 +89,7 @@ def described(chosen: Chosen) -> list[str]:
     lines = []
     of = chosen.of
     assert isinstance(of, FreeRun)
-    layout, half = chosen.after.layout, TWO_SIDED * deviations(chosen.after)
+    layout, half = chosen.after.layout, TWO_SIDED * chosen.after.deviations
     for name in chosen.named:
         effect = of.effect(name)
         units = {one.name.partition(":")[0]: one.unit for one in effect.coefficients}

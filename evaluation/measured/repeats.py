@@ -16,7 +16,6 @@ from scipy.stats import beta
 
 from estimator.chance import TWO_SIDED
 from estimator.scaling import Scaling
-from estimator.trace.checks import deviations
 from estimator.trace.fit import fit
 from estimator.trace.free_run import FreeRun
 from estimator.trace.problem import Problem
@@ -88,7 +87,7 @@ def silverbox(data: Path, work: Path) -> list[Repeated]:
         if symbol not in ("x", "vx", "phi_x"):
             factor = fits[0].layout.factor[k]
             values = [float(one.model.theta[k] * factor) for one in fits]
-            made.append(Repeated(symbol, values, [TWO_SIDED * float(deviations(one)[k] * abs(factor)) for one in fits]))
+            made.append(Repeated(symbol, values, [TWO_SIDED * float(one.deviations[k] * abs(factor)) for one in fits]))
     return made
 
 

@@ -15,9 +15,8 @@ from estimator.rate_sensor.dynamics import first_order, second_order
 from estimator.rate_sensor.record import SensorRecord
 from estimator.rate_sensor.trace import alternate_blocks
 from estimator.scaling import Array
-from estimator.trace.fit import fit
+from estimator.trace.fit import at, fit
 from estimator.trace.likelihood import Model
-from estimator.trace.named import half_width
 
 DECLARED = Range(4.0, 2.0)
 N, STEP = 300, 1e-3
@@ -144,7 +143,8 @@ def test_stages_are_in_order_whatever_the_order_of_the_effects() -> None:
     volts = V0 + S * (rate + 0.05 * rate**2 / 4.0) + 3.0 * (TIME - TIME.mean())
     np.testing.assert_allclose(of.predicted(layout, values / layout.factor).values, np.clip(volts, -0.9, 1.4))
     assert layout.names == ("V0", "S", "lo", "hi", "r", "q", "tau", "tau_r")
-    units = [of.interval(layout, layout.mean, k, 1.0).unit for k in range(len(values))]
+    model = at(of, layout, Model(taken, values / layout.factor, of.declared_noise()))
+    units = [of.interval(model, k).unit for k in range(len(values))]
     assert units == ["V", "V·s/rad", "V", "V", "V/s", "1", "s", "s"]
 
 
@@ -214,7 +214,7 @@ def test_a_line_is_that_of_least_squares_of_the_rows_with_its_intervals() -> Non
     left = noisy.voltage[rows] - design @ expected
     spread = np.sqrt(np.diag(np.linalg.inv(design.T @ design)) * np.mean(left**2))
     robust = np.sqrt(line.scatter)
-    half = [half_width(line, k) * line.layout.factor[k] for k in range(2)]
+    half = [line.interval(k, "V").high - line.interval(k, "V").value for k in range(2)]
     np.testing.assert_allclose(half, 1.96 * robust * spread, rtol=1e-3)
     assert 1.0 <= robust < 1.3
 

@@ -10,8 +10,6 @@ from estimator.trace.checks import (
     CHECKS,
     Evidence,
     constancy,
-    covariance,
-    deviations,
     disturbance,
     floor,
     held_out,
@@ -199,13 +197,13 @@ def test_deviations_are_the_posterior_s_and_wider_where_estimates_scatter() -> N
     widths = np.array([0.2, 0.3, 0.1])
     inverse = np.linalg.inv(information / 2.0 + np.diag(widths**-2.0))
     steady = model("one", theta=[0, 0, 0], seen=evaluation(information, None, 2.0), prior=widths.tolist())
-    assert covariance(steady) == pytest.approx(inverse)
-    assert deviations(steady) == pytest.approx(np.sqrt(np.diag(inverse)))
+    assert steady.covariance == pytest.approx(inverse)
+    assert steady.deviations == pytest.approx(np.sqrt(np.diag(inverse)))
     score = np.random.default_rng(2).standard_normal((BLOCKS, 3)) @ np.diag([60.0, 4.0, 0.1]) + [3.0, 0.0, 0.0]
     seen = evaluation(information, score, 2.0)
     sandwich = inverse @ (np.cov(score.T / 2.0) * BLOCKS) @ inverse
     wide = model("one", theta=[0, 0, 0], seen=seen, prior=widths.tolist())
-    found = covariance(wide)
+    found = wide.covariance
     assert np.diag(found) == pytest.approx(np.maximum(np.diag(sandwich), np.diag(inverse)))
     assert np.diag(sandwich)[0] > 2.0 * np.diag(inverse)[0]
     assert np.diag(sandwich)[2] < np.diag(inverse)[2]

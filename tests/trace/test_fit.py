@@ -7,7 +7,6 @@ import pytest
 from scipy.optimize import minimize
 from scipy.stats import chi2
 
-from estimator.trace.checks import covariance
 from estimator.trace.filtered import Filtered
 from estimator.trace.fit import FittedModel, at, fit, maximise, settle
 from estimator.trace.likelihood import BLOCKS, Evaluation, Layout, Model
@@ -104,7 +103,7 @@ def test_a_fit_from_afar_comes_to_the_same_top(start: float) -> None:
     layout = of.layout({})
     found = maximise(of, at(of, layout, Model({}, np.array([start, 0.0]), of.declared_noise())), 40)
     best = minimize(lambda p: float(np.sum((y - np.exp(-p[0] * t) - p[1]) ** 2)), [1.0, 0.0], tol=1e-14)
-    assert np.all(np.abs(found.model.theta - best.x) < 0.3 * np.sqrt(np.diag(covariance(found))))
+    assert np.all(np.abs(found.model.theta - best.x) < 0.3 * np.sqrt(np.diag(found.covariance)))
 
 
 def test_a_pass_that_fails_is_worth_nothing_and_no_start() -> None:
@@ -122,7 +121,7 @@ DRAWS = 40
 def errors(found: FittedModel) -> tuple[Array, Array]:
     """Of the base constants, over their deviations and all together (NEES)."""
     off = found.model.theta - np.array(list(BASE.values())) / found.layout.factor
-    spread = covariance(found)
+    spread = found.covariance
     return off / np.sqrt(np.diag(spread)), off @ np.linalg.solve(spread, off)
 
 
