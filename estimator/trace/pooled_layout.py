@@ -65,41 +65,32 @@ class PooledLayout(Layout):
         self.first = first = alone[0]
         self.records = tuple(part.name for part in parts)
         self.common = len(first.names) - len(_starts(first))
-        names: list[str] = []
-        owner: list[str] = []
-        figures: list[list[float]] = []
-        self.places: dict[tuple[str, str], int] = {}
-        own: list[int] = []
+        figures: dict[tuple[str, str, str], list[float]] = {}  # by owner, name, and record of what is its own
 
-        def enter(layout: ObserverLayout, k: int, record: str | None, deviation: float) -> None:
-            name = layout.names[k] if record is None else own_name(layout.names[k], record)
-            self.places[layout.owner[k], name] = len(names)
-            if record is not None:
-                own.append(len(names))
-            names.append(name)
-            owner.append(layout.owner[k])
-            figures.append([layout.mean[k], deviation, layout.least[k], layout.most[k], layout.factor[k]])
+        def enter(layout: ObserverLayout, k: int, record: str, deviation: float) -> None:
+            figures[layout.owner[k], layout.names[k], record] = [
+                layout.mean[k], deviation, layout.least[k], layout.most[k], layout.factor[k]
+            ]  # fmt: skip
 
         for k in range(self.common):
-            widest = max(float(layout.deviation[k]) for layout in alone)
-            for record in self.records if is_own(first, k) else (None,):
-                enter(first, k, record, widest)
-        slopes = [(name, constant) for name in effects if (constant := constant_of(name)) is not None]
+            for record in self.records if is_own(first, k) else ("",):
+                enter(first, k, record, max(float(layout.deviation[k]) for layout in alone))
         self.tilted: dict[int, tuple[int, int]] = {}  # place of a slope: of its constant here and in a record
+        slopes = [(name, constant) for name in effects if (constant := constant_of(name)) is not None]
         for name, constant in slopes:
             for k in [k for k in range(self.common) if first.names[k] == constant and not is_own(first, k)][:1]:
-                place = self.places[first.owner[k], constant]
-                self.tilted[len(names)] = place, k
-                names.append(constant)
-                owner.append(name)
-                figures.append([0.0, figures[place][1], -np.inf, np.inf, figures[place][4] / level.spread])
-        starts: list[int] = []
+                own = first.owner[k], constant, ""
+                self.tilted[len(figures)] = list(figures).index(own), k
+                figures[name, constant, ""] = [0.0, figures[own][1], -np.inf, np.inf, figures[own][4] / level.spread]
         for part, layout in zip(parts, alone, strict=True):
             for k in _starts(layout):
-                starts.append(len(names))
                 enter(layout, k, part.name, float(layout.deviation[k]))
-        self.names, self.owner, self.start, self.own = tuple(names), tuple(owner), starts, own
-        self.mean, self.deviation, self.least, self.most, self.factor = np.array(figures).T.copy()
+        self.places = {key: place for place, key in enumerate(figures)}
+        self.names = tuple(own_name(name, record) if record else name for _, name, record in figures)
+        self.owner = tuple(owner for owner, _, _ in figures)
+        self.own = [place for (_, _, record), place in self.places.items() if record]
+        self.start = [place for place in self.own if not self.owner[place]]
+        self.mean, self.deviation, self.least, self.most, self.factor = np.array(list(figures.values())).T.copy()
         self.varying = frozenset(constant for _, constant in slopes)
         self._maps = {part.name: (layout, self._map(layout, part)) for part, layout in zip(parts, alone, strict=True)}
 
@@ -127,10 +118,10 @@ class PooledLayout(Layout):
         whole = np.zeros((len(layout.names), len(self.names)))
         for k, (owner, name) in enumerate(zip(layout.owner, layout.names, strict=True)):
             if k < self.common and not is_own(layout, k):
-                whole[k, self.places[owner, name]] = 1.0
+                whole[k, self.places[owner, name, ""]] = 1.0
                 continue
             whose = [part.name] if part.name in self.records else list(self.records)
-            found = [self.places[key] for one in whose if (key := (owner, own_name(name, one))) in self.places]
+            found = [self.places[key] for one in whose if (key := (owner, name, one)) in self.places]
             whole[k, found] = 1.0 / max(len(found), 1)
         for place, (_, k) in self.tilted.items():
             whole[k, place] = part.z
@@ -159,7 +150,7 @@ class PooledLayout(Layout):
         bounded = self.first.bounded(alone)
         for k in range(self.common):
             if bounded[k] != alone[k] and not is_own(self.first, k):
-                theta[self.places[self.first.owner[k], self.first.names[k]]] = bounded[k]
+                theta[self.places[self.first.owner[k], self.first.names[k], ""]] = bounded[k]
         return theta
 
     def effects_of(self, model: Model) -> Effects:

@@ -35,11 +35,6 @@ RING_DOWN = "switch the drive off: a ring-down decays"
 TIMED_RATE = "turn the gyro at a rate that is known in time"
 
 
-def nonreciprocal_of(sizes: Intervals) -> Interval | None:
-    """Of all effects that were tested, how large a stiffness that is not symmetric may be; None where none was."""
-    return sizes.get("nonreciprocal_stiffness", {}).get("kn")
-
-
 @dataclass(frozen=True)
 class Constants:
     """What a trace found of the base model, SI, in the order xx, yy, xy; declared: the stiffness of the bench file with
@@ -78,8 +73,8 @@ def equivalents(named: Intervals, constants: Constants, nonreciprocal: Interval 
         *_of_drive_gain(named, constants),
         *_of_polarity(named),
         *_of_frames(named),
-        *_of_masses(named, coupling, nonreciprocal),
-        *_of_sense_gain(named, coupling, nonreciprocal),
+        *_of_masses(named),
+        *_of_one_axis(named, coupling, nonreciprocal),
         *_of_delays(named),
     ]
     dxx, dyy, dxy = constants.damping
@@ -131,51 +126,36 @@ def _of_frames(named: Intervals) -> Iterator[Equivalent]:
         yield Equivalent(effect, other, tangent, GRAVITY_FRAME, declare, abs(float(np.arctan(tangent))))
 
 
-def _of_masses(named: Intervals, coupling: float, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
-    """Another mass on one axis: the gains of its drive and its sense by the same share, the rate by that share; or, in
-    coordinates that are not scaled, a drive gain and a stiffness that is not symmetric (and a Coriolis force that is
-    not: exact but for 2 Ω times the share).
-    """
+def _of_masses(named: Intervals) -> Iterator[Equivalent]:
+    """Another mass on one axis: the gains of its drive and its sense by the same share, the rate by that share."""
     drive, sense = named.get("drive_gain"), named.get("sense_gain")
-    if drive is None:
-        return
-    if sense is not None and _nothing(drive["hx"], drive["hy"]) and _same(drive["hy"], sense["gy"]):
+    if drive and sense and _nothing(drive["hx"], drive["hy"]) and _same(drive["hy"], sense["gy"]):
         mass = (1.0 + sense["gy"].value) ** -2
         declare = _effect("unequal_masses", m=mass - 1.0)
         yield Equivalent("sense_gain", "unequal_masses", mass - 1.0, GRAVITY_SIZE, declare, None)
+
+
+def _of_one_axis(named: Intervals, coupling: float, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
+    """A drive gain of one axis alone, with a stiffness that is not symmetric as large as kxy makes it: in coordinates
+    that are not scaled, the mass of that axis; in scaled ones, its sense gain (and a Coriolis force that is not
+    antisymmetric: exact but for 2 Ω times the share).
+    """
+    drive = named.get("drive_gain")
+    if drive is None or "sense_gain" in named or nonreciprocal is None:
         return
-    if sense is not None or nonreciprocal is None:
-        return
-    for axis, gain in _of_one_axis(drive):
-        share = coupling * (1.0 - gain) / (1.0 + gain)
-        if _shows(nonreciprocal, share if axis == 1 else -share):
+    for axis, (own, beside) in enumerate((("hx", "hy"), ("hy", "hx"))):
+        gain, side = 1.0 + drive[own].value, -1.0 if axis == 0 else 1.0
+        if not _nothing(drive[beside], drive[own]) or gain <= 0.0:
+            continue
+        if _shows(nonreciprocal, side * coupling * (1.0 - gain) / (1.0 + gain)):
             # The effect counts masses and forces by the mass of x; effects add up.
             declare = _effect("unequal_masses", m=(1.0 / gain if axis == 1 else gain) - 1.0)
             if axis == 0:
                 declare += " and " + _effect("drive_gain", hx=gain - 1.0, hy=1.0 - 1.0 / gain)
             yield Equivalent("drive_gain", "unequal_masses", 1.0 / gain - 1.0, VARYING_RATE, declare, None)
-
-
-def _of_sense_gain(named: Intervals, coupling: float, nonreciprocal: Interval | None) -> Iterator[Equivalent]:
-    """A drive gain of one axis, with kn as large as kxy makes it: the sense gain of that axis, in coordinates that are
-    scaled (and a Coriolis force that is not antisymmetric: exact but for 2 Ω times the share).
-    """
-    drive = named.get("drive_gain")
-    if drive is None or "sense_gain" in named or nonreciprocal is None:
-        return
-    for axis, gain in _of_one_axis(drive):
-        share = coupling * (gain**2 - 1.0) / (gain**2 + 1.0)
-        if _shows(nonreciprocal, share if axis == 0 else -share):
+        if _shows(nonreciprocal, side * coupling * (1.0 - gain**2) / (1.0 + gain**2)):
             declare = _effect("sense_gain", gy=gain - 1.0) if axis == 1 else ""
             yield Equivalent("drive_gain", "sense_gain", gain - 1.0, VARYING_RATE, declare, None)
-
-
-def _of_one_axis(drive: Mapping[str, Interval]) -> Iterator[tuple[int, float]]:
-    """The axis whose drive alone has another gain, and that gain."""
-    for axis, (own, beside) in enumerate((("hx", "hy"), ("hy", "hx"))):
-        gain = 1.0 + drive[own].value
-        if _nothing(drive[beside], drive[own]) and gain > 0.0:
-            yield axis, gain
 
 
 def _shows(found: Interval, expected: float) -> bool:
