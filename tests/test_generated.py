@@ -4,10 +4,12 @@ import shutil
 from pathlib import Path
 
 import pytest
+from pydantic import Field, create_model
 
 from tools.__main__ import main
 from tools.generated import PAGES, SAID, WHOLE, text_of
 from tools.markdown import filled, table
+from tools.schemas import schema_of
 
 ROOT = Path(__file__).parents[1]
 NAMES = [*PAGES, *WHOLE]
@@ -45,6 +47,12 @@ def test_what_has_changed_is_written_and_nothing_else(tmp_path: Path, capsys: py
     assert old.read_text(encoding="utf-8") == page
     main(tmp_path)
     assert capsys.readouterr().out == ""
+
+
+@pytest.mark.parametrize("least", [1, 1.0])
+def test_a_limit_is_written_one_way(least: float) -> None:
+    """Python may take either for the other, by which of two equal annotations it came to first."""
+    assert '"exclusiveMinimum": 1,\n' in schema_of(create_model("Model", key=(float, Field(gt=least))))
 
 
 def test_a_bar_in_a_cell_is_no_bar_of_the_table() -> None:

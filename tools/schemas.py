@@ -1,6 +1,7 @@
 """The published JSON Schemas (draft 2020-12) of the files that are read and written."""
 
 import json
+import re
 
 from pydantic import BaseModel
 
@@ -24,6 +25,7 @@ PUBLISHED: dict[str, type[BaseModel]] = {
 
 
 def schema_of(model: type[BaseModel]) -> str:
-    """The schema as text."""
+    """The schema as text; a limit is 1 or 1.0 as equal annotations were imported, and is written as 1."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema()}
-    return json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    text = json.dumps(schema, indent=2, ensure_ascii=False) + "\n"
+    return re.sub(r'(imum": -?[0-9]+)\.0\b', r"\1", text)
