@@ -150,7 +150,7 @@ def _kept(kept: Path, bench: Bench, scenario_toml: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as place:
         scenario, truth = Path(place) / "drawn.scenario.toml", Path(place) / "truth.arrow"
         scenario.write_text(scenario_toml, encoding="utf-8")
-        done = run(RunRequest(bench, f"inproc:{scenario}", truth=truth), Path(place), progress=lambda _: None)
+        done = run(RunRequest(bench, f"inproc:{scenario}", {"truth": truth}), Path(place), progress=lambda _: None)
         assert done.folder is not None
         result = score(done.folder, truth)
         assert result.score is not None

@@ -197,7 +197,7 @@ class _Runs:
         assert self._started is not None
         self._made += 1
         truth = self._aside / f"truth-{self._made}.arrow"
-        request = RunRequest(self._started.bench(bench), self._started.link(self._link), truth=truth)
+        request = RunRequest(self._started.bench(bench), self._started.link(self._link), {"truth": truth})
         folder = run(request, self._out, report=False, progress=self._progress).folder
         assert folder is not None  # only a dry run leaves none
         place = RunFolder(folder).result_path

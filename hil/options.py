@@ -111,19 +111,25 @@ def with_fields(options: type) -> Callable[[_Body], _Body]:
 
 
 def _field(one: Keyword) -> Any:
-    from pydantic import BeforeValidator, Field, Strict
+    from pydantic import Field
 
-    like = next((limit.pattern for limit in one.limits if isinstance(limit, Like)), None)
-    field = Field(description=one.help, pattern=like, alias=None if one.outside == one.name else one.outside)
-    if one.is_names:
-        several = tuple[Annotated[str, Field(max_length=_LONGEST)], ...]
-        return Annotated[several, BeforeValidator(_together), Field(max_length=_MOST), field]
-    if bool in (one.type, *get_args(one.type)):
-        return Annotated[one.type, Strict(), field]
+    field = Field(description=one.help, alias=None if one.outside == one.name else one.outside)
     if Path in get_args(one.type):  # over HTTP and in a file: the name of one of the bench's own
         return Annotated[str | None, Field(max_length=_LONGEST), field]
-    limits = [limit for limit in one.limits if not isinstance(limit, Like)]
-    return Annotated[one.type, *limits, field]
+    return Annotated[declared(one), field]
+
+
+def declared(one: Keyword) -> Any:
+    """Its type with its limits, as pydantic has them."""
+    from pydantic import BeforeValidator, Field, Strict
+
+    if one.is_names:
+        several = tuple[Annotated[str, Field(max_length=_LONGEST)], ...]
+        return Annotated[several, BeforeValidator(_together), Field(max_length=_MOST)]
+    if bool in (one.type, *get_args(one.type)):
+        return Annotated[one.type, Strict()]
+    limits = [Field(pattern=limit.pattern) if isinstance(limit, Like) else limit for limit in one.limits]
+    return Annotated[one.type, *limits] if limits else one.type
 
 
 def _together(given: Any) -> Any:

@@ -277,10 +277,6 @@ def test_it_acts(place: Callable[[str], Place], caller: str, option: str) -> Non
     assert ACTED[option](RUNS[caller])
 
 
-def test_every_option_of_a_run_is_tried() -> None:
-    assert set(ACTED) == {one.name for one in keywords_of(LocalRunOptions)} - {"wire_log", "reference"}
-
-
 @pytest.mark.slow
 def test_each_acts_in_a_test_of_a_board(place: Callable[[str], Place], pytester: pytest.Pytester) -> None:
     at = place("pytest")

@@ -86,7 +86,7 @@ def run_one(order: Order, folder: Path, samples: int) -> Line:
     write_text(place / "device.bench.toml", template(values_of(bench), "The data sheet."))
     truth = place / "truth.arrow"
     board = f"inproc:{place / 'device.scenario.toml'}"
-    came = run(RunRequest(bench, board, truth=truth), place, progress=lambda _: None)
+    came = run(RunRequest(bench, board, {"truth": truth}), place, progress=lambda _: None)
     assert came.folder is not None
     line["seconds"] = round(time.monotonic() - begin, 1)
     try:

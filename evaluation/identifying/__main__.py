@@ -34,14 +34,9 @@ def here(request: RunRequest, out: Path, *, progress: object = None) -> RunResul
     """As `hil.running.run.run`, in lockstep and in this process: no time goes into starting others."""
     _warm()
     folder = new_folder(out, request.bench)
-    truth = None if request.truth is None else str(request.truth)
-    outcome = work(
-        Order(request.bench.model_dump_json(), request.link, str(folder), False, truth),
-        tell=untold_lines,
-        own_process=False,
-    )
+    outcome = work(Order(request, str(folder)), tell=untold_lines, own_process=False)
     if request.judged:
-        conclude(Made(folder, request.bench, outcome, request.link), report=False, progress=untold)
+        conclude(Made(folder, request.bench, outcome, request), report=False, progress=untold)
     return RunResult(folder, outcome["identity"], outcome)
 
 
@@ -51,8 +46,7 @@ def _warm() -> None:
     with tempfile.TemporaryDirectory() as place:
         request = run_request("s-slow", {"duration_s": 8.5, "clock": "lockstep"}, link="inproc:s-slow")
         folder = new_folder(Path(place), request.bench)
-        order = Order(request.bench.model_dump_json(), request.link, str(folder))
-        work(order, tell=untold_lines, own_process=False)
+        work(Order(request, str(folder)), tell=untold_lines, own_process=False)
 
 
 def of_board(seed: int, folder: Path, *, run: bool) -> dict[str, Any]:

@@ -48,7 +48,7 @@ def own_runs(
 
 def _run(bench: Bench, link: str, name: str) -> tuple[MethodCourse, Reference]:
     with tempfile.TemporaryDirectory() as place:
-        request = RunRequest(bench, link, truth=Path(place) / "truth.arrow", judged=False)
+        request = RunRequest(bench, link, {"truth": Path(place) / "truth.arrow"}, judged=False)
         done = run(request, Path(place), report=False, progress=alarms_only)
         assert done.folder is not None
         stopped, estimates = str(done.outcome.get("stopped") or ""), RunFolder(done.folder).estimates

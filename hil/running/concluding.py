@@ -18,6 +18,7 @@ from hil.records.result import Load, Result, Told, save_result
 from hil.records.runfolder import RunFolder
 from hil.report.artist import Artist, artist_process
 from hil.running.process.supervision import ctrl_c
+from hil.running.request import RunRequest
 from hil.verdict.safety import judge_safety
 
 _UNFINISHED = "interrupted while the figures were computed"
@@ -30,13 +31,17 @@ class Interrupted(KeyboardInterrupt):
 
 @dataclass(frozen=True)
 class Made:
-    """What was recorded in `folder` by a bench; `outcome`: how the loop ended, or the replay, which has no `link`."""
+    """What was recorded in `folder` by a bench; `outcome`: how loop or replay ended; a replay has no `request`."""
 
     folder: Path
     bench: Bench
     outcome: dict[str, Any]
-    link: str | None = None
-    note: str | None = None
+    request: RunRequest | None = None
+
+    @property
+    def link(self) -> str | None:
+        """Where the board was; None of a replay."""
+        return None if self.request is None else self.request.link
 
     @cached_property
     def _there(self) -> OnDisk:
@@ -51,9 +56,11 @@ class Made:
     @property
     def of_run(self) -> dict[str, Any]:
         """What a result says without a look at the records: of a replay nobody closed a loop."""
-        mode = {} if self.link is None else {"clock": self.bench.loop.clock, "mode": self.bench.loop.mode}
-        counters = self.outcome.get("counters", {})
-        return {"link": self.link, "counters": counters, "operator_note": self.note, **mode}
+        counters = {"counters": self.outcome.get("counters", {})}
+        if self.request is None:
+            return counters
+        loop, note = self.bench.loop, self.request.options.get("note")
+        return {**counters, "link": self.link, "operator_note": note, "clock": loop.clock, "mode": loop.mode}
 
     def save_without_figures(self, why: str) -> None:
         """A result of what is known by what is on disk; why: there are no figures."""

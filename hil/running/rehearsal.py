@@ -17,6 +17,7 @@ from hil.records.summary import answers
 from hil.running.process.start import worker_process
 from hil.running.process.supervision import supervise
 from hil.running.process.worker import Order
+from hil.running.request import RunRequest
 from hil.verdict.machine import held, loop_changes, own_setting
 from hil.wire.link_name import Emulated, parse_link
 
@@ -125,9 +126,9 @@ def rehearse(bench: Bench, link: str, progress: Watcher) -> tuple[Lateness, int]
         progress(progressed._replace(stage="measure") if progressed.stage == "run" else progressed)
 
     with tempfile.TemporaryDirectory() as aside, served(link, seed=bench.loop.seed, progress=progress) as board:
-        order = Order(short.model_dump_json(), board.url, aside)
+        order = Order(RunRequest(short, board.url), aside)
         with worker_process() as worker:
-            outcome = supervise(worker, order, short, told, board).outcome
+            outcome = supervise(worker, order, told, board).outcome
         run = RunFolder(Path(aside))
         try:
             counted = answers(run.capture, run.timing, outcome.get("counters", {}))

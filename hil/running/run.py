@@ -5,7 +5,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -65,9 +65,9 @@ def run(
     (`process/control.py`).  Raises InputError or WireError, and leaves nothing, when no run could begin; Interrupted,
     which says what was done, is raised after SAFE and a closed record.
     """
-    bench, link, dry_run, truth = request.bench, request.link, request.dry_run, request.truth
+    bench, link, dry_run, truth = request.bench, request.link, request.dry_run, request.file("truth")
     require_usable(bench, "run")
-    if truth is not None and request.replace and not dry_run:
+    if truth is not None and request.options.get("replace") and not dry_run:
         truth.unlink(missing_ok=True)  # the board makes it anew, and writes over none
     said = "nothing was armed"
     lockstep = bench.loop.clock == "lockstep"  # else a board waits in real time for what these would keep busy
@@ -77,27 +77,20 @@ def run(
             with (
                 worker_process(control) as worker,
                 _served(board, link, truth, bench, progress) as board,
-                _logged(request.wire_log, board.url) as logged,
+                _logged(request.file("wire_log"), board.url) as logged,
                 ExitStack() as held,
             ):
                 folder = out if dry_run else new_folder(out, bench)
                 if not dry_run:
                     held.enter_context(occupied(folder))
-                order = Order(
-                    bench.model_dump_json(),
-                    board.url,
-                    str(folder),
-                    dry_run,
-                    None if truth is None else str(truth),
-                    number,
-                )
+                order = Order(replace(request, link=board.url), str(folder), number)
                 try:
                     started = None if begun is None else partial(begun, folder)
                     if lockstep:
                         _load_beside(_SCAN)
                     beside = nullcontext() if dry_run else recorded_beside(bench, folder)
                     with beside as reference:
-                        ended = supervise(worker, order, bench, progress, board, started, noticed)
+                        ended = supervise(worker, order, progress, board, started, noticed)
                         outcome, safety = ended.outcome, ended.safety
                         if reference is not None:
                             outcome["reference"] = reference.end()
@@ -116,7 +109,7 @@ def run(
         if logged is not None and logged.lost:
             remark = f"wire log: {logged.lost} frames are missing, as they came faster than they could be written"
             outcome["refused"] = [*outcome.get("refused", ()), remark]
-        made = Made(folder, bench, outcome, link, request.note)
+        made = Made(folder, bench, outcome, request)
         if recorded and request.judged:
             try:
                 concluding.conclude(made, report=drawer or report, progress=progress)

@@ -104,7 +104,7 @@ def require_together(requests: Sequence[RunRequest], mount: Mount) -> None:
             each = ", ".join(map(str, sorted(values)))
             raise InputError(f"[loop] {key}: {each}; gyros of one body need one; give --{key.removesuffix('_s')}")
     for key in ("truth", "wire_log"):
-        if any(getattr(request, key) is not None for request in requests):
+        if any(request.options.get(key) is not None for request in requests):
             raise InputError(f"--{key.replace('_', '-')}: is of one board; run that alone, or leave it out")
     if any(request.bench.device.axes != 2 for request in requests):
         raise InputError("[device] axes: each gyro of a body has two axes of vibration")

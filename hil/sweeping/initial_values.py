@@ -50,6 +50,7 @@ def with_drawn_initial_values(bench: Bench, scenario: Path, place: Path) -> Benc
 def _first_moment(bench: Bench, scenario: Path, place: Path) -> Truth:
     """Truth of the first samples of that board, with the run's own seed."""
     from hil.running.process.worker import Order, untold, work
+    from hil.running.request import RunRequest
 
     rate_Hz = bench.device.sample_rate_Hz
     samples = 2 * bench.loop.block if bench.loop.in_blocks else _SAMPLES
@@ -63,7 +64,8 @@ def _first_moment(bench: Bench, scenario: Path, place: Path) -> Truth:
     )
     folder, truth = place / "first", place / "first.arrow"
     folder.mkdir()
-    work(Order(short.model_dump_json(), f"inproc:{scenario}", str(folder), truth=str(truth)), untold, own_process=False)
+    request = RunRequest(short, f"inproc:{scenario}", {"truth": truth})
+    work(Order(request, str(folder)), untold, own_process=False)
     return read_truth(truth)
 
 

@@ -8,6 +8,7 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -35,6 +36,7 @@ from hil.wire.errors import WireError
 
 if TYPE_CHECKING:
     from hil.records.estimates import Estimates
+    from hil.running.request import RunRequest
 
 _SIGMAS = 4.0  # of the deviation at the end, within which the rate counts as converged
 
@@ -112,8 +114,7 @@ def _made(declared: Bench, scenario: Path, folder: Path, options: Mapping[str, A
     bench = request.bench
     folder.mkdir()
     write_sealed(folder / "bench.toml", template(values_of(bench), "The bench as run."))
-    order = Order(bench.model_dump_json(), request.link, str(folder), truth=str(truth_file))
-    outcome = work(order, untold, own_process=False)
+    outcome = work(Order(request, str(folder)), untold, own_process=False)
     if ended := outcome["safety"]["recorder"]:
         raise OSError(ended)
     stopped = str(outcome["stopped"] or "").replace(f"{place}/", "")
@@ -122,7 +123,7 @@ def _made(declared: Bench, scenario: Path, folder: Path, options: Mapping[str, A
     if run.capture is None or not len(run.capture):
         return _Made(run, None, row | {"samples": 0})
     row |= {"samples": len(run.capture), "record_sha256": digest_of(run.capture_path)}
-    row |= _concluded(run, bench, outcome, request.note, scan=scan)
+    row |= _concluded(run, outcome, request, scan=scan)
     try:
         result = score(folder, truth_file)
     except InputError as error:
@@ -138,7 +139,7 @@ def digest_of(capture: Path) -> str:
 
 
 @np.errstate(all="ignore")  # an observer that diverged is told by its figures, not by NumPy
-def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], note: str | None, *, scan: bool) -> Row:
+def _concluded(run: RunFolder, outcome: dict[str, Any], request: "RunRequest", *, scan: bool) -> Row:
     if not scan:
         from hil.records.summary import summarise
 
@@ -147,7 +148,8 @@ def _concluded(run: RunFolder, bench: Bench, outcome: dict[str, Any], note: str 
     from hil.records.result import load_result
     from hil.running.concluding import Made, conclude
 
-    conclude(Made(run.path, bench, outcome, "inproc:", note), report=False, progress=lambda _: None)
+    made = Made(run.path, request.bench, outcome, replace(request, link="inproc:"))
+    conclude(made, report=False, progress=lambda _: None)
     said = load_result(run.result_path)
     return {
         "verdict": said.verdict,

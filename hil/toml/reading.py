@@ -13,9 +13,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from hil.errors import InputError
+from hil.options import chosen, declared, keywords_of
 from hil.wire.regular_file import what_instead
 from hil.wire.toml_bounds import MOST_BYTES, beyond
 
@@ -30,6 +31,7 @@ _EXPECTED = {
     "int_from_float": "a whole number",
     "string_type": "a text in quotes",
     "bool_type": "true or false",
+    "path_type": "a path",
     "tuple_type": "a list of numbers",
     "model_type": "a table",
     "dict_type": "a table",
@@ -95,6 +97,19 @@ def parse_table(table: Mapping[str, Any], model: type[Model], source: str) -> Mo
         raise InputError(f"{source}: nested too deeply; write it flat") from None
 
 
+def checked(options: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """`hil.options.chosen`, each held against its declaration; `InputError` names the first that is something else."""
+    found = chosen(options, given)
+    for one in keywords_of(options):
+        try:
+            if found[one.name] != one.default:
+                found[one.name] = TypeAdapter(declared(one)).validate_python(_plain(found[one.name]))
+        except ValidationError as error:
+            said = _said_of(error.errors(include_url=False)[0])
+            raise InputError(f"--{one.called.name.replace('_', '-')}: {said}") from None
+    return found
+
+
 def _plain(value: Any) -> Any:
     """`value` with NumPy's scalars and arrays as numbers and lists; known by what both have, as TOML needs no NumPy."""
     if isinstance(value, Mapping):
@@ -146,12 +161,18 @@ def _sentence(mistake: Any, model: type[BaseModel]) -> str:
         field = table.model_fields.get(str(last)) if table is not None else None
         meaning = f"; expected: {field.description}" if field is not None and field.description else ""
         return f"{place}missing{meaning}"
+    return place + _said_of(mistake)
+
+
+def _said_of(mistake: Any) -> str:
+    """What is wrong with the value of a pydantic error, and what was expected."""
+    kind, value = mistake["type"], mistake["input"]
     if kind == "literal_error":
-        choices = context["expected"].replace("'", "").replace(" or ", ", ").split(", ")
-        return f"{place}{_shown(value)} is not one of {', '.join(choices)}{_near(value, choices)}"
+        choices = mistake["ctx"]["expected"].replace("'", "").replace(" or ", ", ").split(", ")
+        return f"{_shown(value)} is not one of {', '.join(choices)}{_near(value, choices)}"
     if kind in _EXPECTED:
-        return f"{place}expected {_EXPECTED[kind]}, not {_shown(value)}"
-    return f"{place}{_shown(value)} {str(mistake['msg']).removeprefix('Input ').removeprefix('String ')}"
+        return f"expected {_EXPECTED[kind]}, not {_shown(value)}"
+    return f"{_shown(value)} {str(mistake['msg']).removeprefix('Input ').removeprefix('String ')}"
 
 
 def _other_keys(table: type[BaseModel]) -> list[str]:

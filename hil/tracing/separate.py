@@ -87,7 +87,7 @@ def separate(
             changes(asked.experiment, bench, asked.times),
             f"the bench file with the experiment {asked.experiment.name!r}",
         )
-        folder = run(RunRequest(changed, link, note=f"experiment: {asked.words}"), out, progress=progress).folder
+        folder = run(RunRequest(changed, link, {"note": f"experiment: {asked.words}"}), out, progress=progress).folder
         assert folder is not None  # only a dry run leaves none
         capture = RunFolder(folder).capture_path
         try:

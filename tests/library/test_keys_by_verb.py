@@ -129,12 +129,12 @@ def ran(mode: str, scenario: Path, folder: Path, reading: Reading) -> Path:
     """A run in this process, as the worker and what follows it do it; its capture."""
     folder.mkdir()
     own = declared(mode)
-    order = worker.Order(own.model_dump_json(), f"inproc:{scenario}", str(folder), truth=f"{folder}.arrow")
+    request = RunRequest(own, f"inproc:{scenario}", {"truth": f"{folder}.arrow"})
     (folder / "bench.toml").write_text(template(values_of(own), "For a test."), encoding="utf-8")
     with reading.during():
         require_usable(own, "run")
-        outcome = worker.work(order, worker.untold, own_process=False)
-        conclude(Made(folder, own, outcome, f"inproc:{scenario}"), progress=lambda _: None)
+        outcome = worker.work(worker.Order(request, str(folder)), worker.untold, own_process=False)
+        conclude(Made(folder, own, outcome, request), progress=lambda _: None)
     return folder / "capture.arrow"
 
 

@@ -35,7 +35,7 @@ def ran(place: Path, declared: Bench, *, link: str | None = None, dry_run: bool 
     """The run of a bench against an emulated board, its truth beside it."""
     place.mkdir(exist_ok=True)
     scenario = gyro.scenario(place / "board.toml")
-    request = RunRequest(declared, link or f"inproc:{scenario}", truth=place / "truth.arrow", dry_run=dry_run)
+    request = RunRequest(declared, link or f"inproc:{scenario}", {"truth": place / "truth.arrow"}, dry_run=dry_run)
     done = run(request, place / "runs", progress=quietly)
     assert done.folder is not None
     return RunFolder(done.folder)

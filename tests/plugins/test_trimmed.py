@@ -13,6 +13,7 @@ from hil.errors import InputError
 from hil.plugins.finding import write_template
 from hil.records.runfolder import RunFolder
 from hil.running.process.worker import Order, work
+from hil.running.request import RunRequest
 from tests.plugins.compiled import library
 from tests.plugins.running import HERE
 
@@ -30,7 +31,7 @@ def run(folder: Path, observer: str | None) -> tuple[str, RunFolder]:
         controller={"virtual_rotation_rad_s": 0.0, "dither_mps2": 0.0},
     )
     folder.mkdir()
-    order = Order(bench.model_dump_json(), f"inproc:{find('scenario', 's-trim')}", str(folder))
+    order = Order(RunRequest(bench, f"inproc:{find('scenario', 's-trim')}"), str(folder))
     outcome = work(order, lambda **_: None, own_process=False)
     return outcome["stopped"], RunFolder(folder)
 

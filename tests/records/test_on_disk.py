@@ -9,6 +9,7 @@ from hil.progress import Progress
 from hil.records.direct import on_disk
 from hil.records.result import load_result
 from hil.running.concluding import Interrupted, Made, conclude
+from hil.running.request import RunRequest
 
 
 def interrupt(_: Progress) -> None:
@@ -18,13 +19,14 @@ def interrupt(_: Progress) -> None:
 def interrupted_figures(folder: Path, meant_s: float = 0.5) -> str:
     """What a Ctrl-C during the closing scan says of a run of which the loop counted 10,000 samples."""
     counters = {"samples": 10_000, "lost": 0}
+    bench = load_bench(examples.find("bench", "s-slow")).with_(loop={"duration_s": meant_s, "settle_s": 0.1})
     with pytest.raises(Interrupted) as told:
         conclude(
             Made(
                 folder,
-                load_bench(examples.find("bench", "s-slow")).with_(loop={"duration_s": meant_s, "settle_s": 0.1}),
+                bench,
                 {"counters": counters, "safety": {"armed": False, "confirmed": None}},
-                "pty:s-slow",
+                RunRequest(bench, "pty:s-slow"),
             ),
             progress=interrupt,
         )

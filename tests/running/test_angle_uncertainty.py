@@ -25,7 +25,7 @@ def ran(
     scenario, truth = gyro.scenario(tmp_path / "board.toml"), tmp_path / "truth.arrow"
     scenario.write_text(scenario.read_text() + effects)
     control = {"controller": {"enabled": False}} if open_loop else {}
-    request = RunRequest(gyro.bench(seconds, **changes, **control), f"inproc:{scenario}", truth=truth)
+    request = RunRequest(gyro.bench(seconds, **changes, **control), f"inproc:{scenario}", {"truth": truth})
     done = run(request, tmp_path / "runs", progress=lambda _: None)
     assert done.folder is not None
     score(done.folder, truth)

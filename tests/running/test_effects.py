@@ -39,7 +39,7 @@ def scored(
     }
     bench = override(load_bench(Path(find("bench", "s-slow"))), changes | (device or {}), "test")
     truth = tmp_path / f"truth-{len(list(tmp_path.iterdir()))}.arrow"  # of each run its own: none is written over
-    done = run(RunRequest(bench, f"inproc:{scenario}", truth=truth), tmp_path, progress=lambda _: None)
+    done = run(RunRequest(bench, f"inproc:{scenario}", {"truth": truth}), tmp_path, progress=lambda _: None)
     assert done.folder is not None
     return score(done.folder, truth)
 

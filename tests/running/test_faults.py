@@ -36,7 +36,7 @@ def faulty(path: Path, faults: str) -> Path:
 
 
 def go(declared: Bench, link: str, out: Path, truth: Path | None = None) -> tuple[RunFolder, Result]:
-    done = run(RunRequest(declared, link, truth=truth), out, progress=quietly)
+    done = run(RunRequest(declared, link, {"truth": truth}), out, progress=quietly)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     assert folder.result is not None

@@ -61,7 +61,7 @@ def test_an_ideal_gyro_that_runs_free_is_read_by_formula_11(tmp_path: Path, vari
     """Better than its integrated rate, within its own U, and it says by what and why."""
     scenario = gyro.scenario(tmp_path / "ideal.toml", truth=IDEAL, rate=ROTATED)
     truth = tmp_path / "truth.arrow"
-    request = RunRequest(declared(variant=variant), f"inproc:{scenario}", truth=truth)
+    request = RunRequest(declared(variant=variant), f"inproc:{scenario}", {"truth": truth})
     done = run(request, tmp_path / "runs", progress=lambda _: None)
     assert done.folder is not None
     result, folder = score(done.folder, truth), RunFolder(done.folder)

@@ -378,7 +378,7 @@ def test_in_real_time_over_a_pty(tmp_path: Path) -> None:
     scenario = gyro.unhurried_scenario(tmp_path / "board.toml")
     truth = tmp_path / "truth.arrow"
     declared = gyro.unhurried_bench(4.0, loop={"mode": "gain", "block": BLOCK, "estimate_every": BLOCK})
-    request = RunRequest(declared, f"pty:{scenario}", truth=truth)
+    request = RunRequest(declared, f"pty:{scenario}", {"truth": truth})
     folder = whole.run(request, tmp_path, progress=lambda _: None).folder
     assert folder is not None
     result = RunFolder(folder).result

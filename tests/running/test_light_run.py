@@ -17,14 +17,15 @@ from hil.records.runfolder import RunFolder
 from hil.report.artist import artist_process
 from hil.report.page import render
 from hil.running.process.start import started_ahead, worker_process
+from hil.running.process.worker import Order
+from hil.running.request import RunRequest
 
 HEAVY = ("numba", "llvmlite", "sympy", "scipy", "pandas", "matplotlib", "filterpy")
 DRIVEN = """
 import json, sys
 from hil.running.process.worker import Order, work
-order = json.loads(sys.argv[1])
-work(Order(**order), lambda **said: None, own_process=False)
-print(*[name for name in json.loads(sys.argv[2]) if name in sys.modules])
+work(Order.read(), lambda **said: None, own_process=False)
+print(*[name for name in json.loads(sys.argv[1]) if name in sys.modules])
 """
 CONCLUDED = """
 import sys
@@ -35,18 +36,18 @@ print(code, *[name for name in heavy if name in sys.modules])
 """
 
 
-def said(program: str, *arguments: str, folder: Path) -> str:
+def said(program: str, *arguments: str, folder: Path, given: bytes = b"") -> str:
     """The last line that a program of its own prints."""
     done = subprocess.run(
         [sys.executable, "-c", program, *arguments],
         capture_output=True,
-        text=True,
+        input=given,
         check=False,
         cwd=folder,
         env=os.environ | {"GYROHIL_WORKERS": "2"},
     )
-    assert done.returncode == 0, done.stderr
-    return done.stdout.rstrip("\n").split("\n")[-1]
+    assert done.returncode == 0, done.stderr.decode()
+    return done.stdout.decode().rstrip("\n").split("\n")[-1]
 
 
 def children() -> set[int]:
@@ -56,8 +57,8 @@ def children() -> set[int]:
 
 def test_the_process_of_the_loop_loads_no_more_than_numpy(tmp_path: Path) -> None:
     bench = load_bench(find("bench", "s-slow")).with_(loop={"clock": "lockstep", "duration_s": 0.05, "settle_s": 0.0})
-    order = {"bench": bench.model_dump_json(), "link": f"inproc:{find('scenario', 's-slow')}", "folder": str(tmp_path)}
-    assert said(DRIVEN, json.dumps(order), json.dumps(HEAVY), folder=tmp_path) == ""
+    order = Order(RunRequest(bench, f"inproc:{find('scenario', 's-slow')}"), str(tmp_path))
+    assert said(DRIVEN, json.dumps(HEAVY), folder=tmp_path, given=order.line) == ""
 
 
 def test_a_run_and_a_replay_load_no_compiler_and_no_sympy(tmp_path: Path) -> None:

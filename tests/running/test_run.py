@@ -71,7 +71,9 @@ def test_a_run_leaves_its_records_and_their_verdict(tmp_path: Path) -> None:
     stages: list[Progress] = []
     scenario = gyro.scenario(tmp_path / "board.toml")
     declared = gyro.bench(3.0, loop={"name": "first"})
-    done = run(RunRequest(declared, f"inproc:{scenario}", note="by hand"), tmp_path / "runs", progress=stages.append)
+    done = run(
+        RunRequest(declared, f"inproc:{scenario}", {"note": "by hand"}), tmp_path / "runs", progress=stages.append
+    )
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result

@@ -9,6 +9,7 @@ from hil.bench import load_bench
 from hil.bench.examples import find
 from hil.running.process import supervision
 from hil.running.process.worker import Order
+from hil.running.request import RunRequest
 
 ARMED = """
 import sys
@@ -26,6 +27,6 @@ def test_what_fails_for_a_driven_board_is_the_error_that_is_told(monkeypatch: py
     monkeypatch.setattr(supervision, "_confirm", failing)
     bench = load_bench(find("bench", "s-slow")).with_(loop={"clock": "lockstep"})
     with subprocess.Popen([sys.executable, "-c", ARMED], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as worker:
-        order = Order(bench.model_dump_json(), "serial:/dev/null", "runs", False, None, None)
+        order = Order(RunRequest(bench, "serial:/dev/null"), "runs")
         with pytest.raises(RuntimeError, match="the port is gone"):
-            supervision.supervise(worker, order, bench, lambda _: None, None)  # type: ignore[arg-type]
+            supervision.supervise(worker, order, lambda _: None, None)  # type: ignore[arg-type]

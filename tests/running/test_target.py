@@ -26,7 +26,7 @@ def test_the_drive_follows_the_steps_and_the_angle_does_not(tmp_path: Path) -> N
     bench = override(load_bench(find("bench", "s-slow")), changes, "test")
     truth = tmp_path / "truth.arrow"
     done = run(
-        RunRequest(bench, f"inproc:{find('scenario', 's-slow')}", truth=truth), tmp_path, progress=lambda _: None
+        RunRequest(bench, f"inproc:{find('scenario', 's-slow')}", {"truth": truth}), tmp_path, progress=lambda _: None
     )
     assert done.folder is not None
     capture = read_capture(done.folder / "capture.arrow")

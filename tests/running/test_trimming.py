@@ -18,6 +18,7 @@ from hil.records.result import load_result
 from hil.records.runfolder import RunFolder
 from hil.running.loop.trimming import _NEARER, nulling
 from hil.running.process.worker import Order, work
+from hil.running.request import RunRequest
 from hil.wire.messages import NackReason, RegisterValue
 from hil.wire.spec import SPEC
 
@@ -32,9 +33,7 @@ def run(folder: Path, scenario: Path = SCENARIO, seconds: float = 8.0, **changes
     """A run in lockstep within this process: what happened, and its folder."""
     bench = BENCH.with_(**{"loop": {"clock": "lockstep", "duration_s": seconds, "settle_s": 0.5 * seconds}, **changes})
     folder.mkdir(exist_ok=True)
-    outcome = work(
-        Order(bench.model_dump_json(), f"inproc:{scenario}", str(folder)), lambda **_: None, own_process=False
-    )
+    outcome = work(Order(RunRequest(bench, f"inproc:{scenario}"), str(folder)), lambda **_: None, own_process=False)
     return outcome, RunFolder(folder)
 
 
@@ -95,7 +94,7 @@ def test_it_is_nulled_whoever_drives_while_the_bench_observes(tmp_path, closed):
         place = tmp_path / str(control)
         place.mkdir()
         bench = BENCH.with_(**changes, trim={"control": control})
-        order = Order(bench.model_dump_json(), f"inproc:{SCENARIO}", str(place))
+        order = Order(RunRequest(bench, f"inproc:{SCENARIO}"), str(place))
         outcome = work(order, lambda **_: None, own_process=False)
         assert outcome["stopped"] == ""
         assert outcome["safety"]["confirmed"] is True

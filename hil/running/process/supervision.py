@@ -13,7 +13,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext, suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -63,7 +63,6 @@ class Ended:
 def supervise(
     worker: "subprocess.Popen[bytes]",
     order: Order,
-    bench: Bench,
     progress: Watcher,
     board: "Served",
     begun: Begun | None = None,
@@ -75,11 +74,12 @@ def supervise(
     it says when it could not begin, and what `progress` raises, after the process has ended.
     """
     assert worker.stdin is not None
-    in_time = nullcontext() if bench.loop.clock == "lockstep" else line_workers.ahead(order.link)
-    confirm = partial(_confirm, order.link, bench, board)
+    bench, link = order.request.bench, order.request.link
+    in_time = nullcontext() if bench.loop.clock == "lockstep" else line_workers.ahead(link)
+    confirm = partial(_confirm, link, bench, board)
     with closing(_Followed(worker, progress, confirm, noticed)) as followed, in_time, ctrl_c(followed.interrupt):
         with suppress(BrokenPipeError):  # it died before it read its order
-            worker.stdin.write(json.dumps(asdict(order)).encode() + b"\n")
+            worker.stdin.write(order.line)
             worker.stdin.flush()
         try:
             if begun is not None:

@@ -26,6 +26,7 @@ from hil.errors.ending import ExitCode, ending_of, line_of
 from hil.running import realtime
 from hil.running.process.control import LOOKS_PER_S, Control
 from hil.running.process.load import LoadMeter
+from hil.running.request import RunRequest
 from hil.running.safety.latching import reason_name
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
@@ -58,18 +59,23 @@ _NOTHING_WRITTEN: Mapping[str, float] = {}
 class Order:
     """What a worker is told."""
 
-    bench: str  # JSON of the whole bench file
-    link: str
+    request: RunRequest  # its link is that of the board, which serves by now
     folder: str
-    dry_run: bool = False
-    truth: str | None = None
     control: int | None = None  # descriptor of a socket to the clients of the run
 
     @classmethod
     def read(cls) -> Self | None:
         """The order on standard input; None where the parent has gone before it gave one."""
         line = sys.stdin.readline()
-        return cls(**json.loads(line)) if line.endswith("\n") else None
+        if not line.endswith("\n"):
+            return None
+        told = json.loads(line)
+        return cls(**told | {"request": RunRequest.of_json(told["request"])})
+
+    @property
+    def line(self) -> bytes:
+        """What `read` reads."""
+        return json.dumps({**vars(self), "request": self.request.as_json()}).encode() + b"\n"
 
 
 def tell(**line: Any) -> None:
@@ -85,13 +91,13 @@ def untold(**_: Any) -> None:
     """Instead of `tell`, where nobody follows a run step by step."""
 
 
-def connect(order: Order, bench: Bench) -> Link:
-    """The link of the order; an in-process board gets its truth file and seed."""
-    link = parse_link(order.link)
+def connect(request: RunRequest) -> Link:
+    """The link of the request; an in-process board gets its truth file and seed."""
+    link, truth = parse_link(request.link), request.file("truth")
     if isinstance(link, Emulated):
         from hil.wire.inproc import open_inproc
 
-        return open_inproc(link, order.truth, bench.loop.seed)
+        return open_inproc(link, None if truth is None else str(truth), request.bench.loop.seed)
     return open_link(link)
 
 
@@ -100,25 +106,25 @@ def work(order: Order, tell: Say = tell, *, own_process: bool = True) -> dict[st
 
     own_process: signals of this process are for the loop; without, in lockstep only, they stay whose they are.
     """
-    bench = Bench.model_validate_json(order.bench, strict=False)
-    tell(stage="connect", done=0, total=0, note=order.link)
-    with closing(connect(order, bench)) as link:
+    request, bench = order.request, order.request.bench
+    tell(stage="connect", done=0, total=0, note=request.link)
+    with closing(connect(request)) as link:
         endpoint = Endpoint(link)
         identity = client.connect(endpoint, bench.link.timeout_s)
         from hil.running.safety.preflight import configure, require_clock, require_suitable, require_undone
         from hil.running.safety.trim_outputs import require_outputs, zeroed
 
         require_undone(bench)
-        require_suitable(bench, identity, order.link)
+        require_suitable(bench, identity, request.link)
         tried = _try_plugins(bench, identity, tell, own_process=own_process)
         outputs = require_outputs(endpoint, identity, bench)
         registers = configure(endpoint, identity, bench) | zeroed(endpoint, outputs, bench.link.timeout_s)
         if bench.loop.clock != "lockstep":
             require_clock(endpoint)
-        if order.dry_run:
+        if request.dry_run:
             trims = [output.told._asdict() for output in outputs]
             return {"identity": identity._asdict(), "plugins": tried, "trims": trims}
-        happened = _loop(order, bench, endpoint, identity, registers, outputs, tell, own_process=own_process)
+        happened = _loop(order, endpoint, identity, registers, outputs, tell, own_process=own_process)
         return {"identity": identity._asdict(), **happened, "plugins": [*tried, *happened["plugins"]]}
 
 
@@ -139,7 +145,6 @@ def _try_plugins(bench: Bench, identity: Identity, tell: Say, *, own_process: bo
 
 def _loop(
     order: Order,
-    bench: Bench,
     endpoint: Endpoint,
     identity: Identity,
     registers: Mapping[str, float],
@@ -158,6 +163,7 @@ def _loop(
     from hil.running.recording.recorder import record_apart, record_here
     from hil.running.recording.tracks import run_layouts
 
+    bench = order.request.bench
     lockstep = bench.loop.clock == "lockstep"
 
     def make_observer() -> Observer:
