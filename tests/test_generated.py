@@ -8,7 +8,7 @@ from pydantic import Field, create_model
 
 from tools.__main__ import main
 from tools.generated import PAGES, SAID, WHOLE, text_of
-from tools.markdown import filled, table
+from tools.markdown import filled, keys_table, table
 from tools.schemas import schema_of
 
 ROOT = Path(__file__).parents[1]
@@ -53,6 +53,12 @@ def test_what_has_changed_is_written_and_nothing_else(tmp_path: Path, capsys: py
 def test_a_limit_is_written_one_way(least: float) -> None:
     """Python may take either for the other, by which of two equal annotations it came to first."""
     assert '"exclusiveMinimum": 1,\n' in schema_of(create_model("Model", key=(float, Field(gt=least))))
+
+
+def test_a_key_is_shown_as_a_file_has_it() -> None:
+    assert "| `outside` | number | – | what it is |" in keys_table(
+        create_model("Model", inside_kg=(float | None, Field(None, alias="outside", description="what it is")))
+    )
 
 
 def test_a_bar_in_a_cell_is_no_bar_of_the_table() -> None:

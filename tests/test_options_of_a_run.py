@@ -145,3 +145,11 @@ def test_it_reaches_the_loop(orders: list[RunRequest], caller: str, one: Keyword
     (request,) = orders
     there = request.bench.loop if one.name in OF_THE_LOOP else SimpleNamespace(**request.options)
     assert str(getattr(there, one.name)).startswith(str(given[one.name]))  # a campaign numbers the names
+
+
+@pytest.mark.parametrize("one", [pytest.param(one, id=one.name) for one in keywords_of(LocalRunOptions)])
+def test_a_value_of_another_kind_is_refused_by_the_name_of_its_option(orders: list[RunRequest], one: Keyword) -> None:
+    given: dict[str, Any] = {one.name: object()}
+    with pytest.raises(hil.InputError, match=rf"\b{one.name}\b.*: .*object"):
+        hil.run("s-slow", link=LINK, **given)
+    assert not orders

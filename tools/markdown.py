@@ -44,8 +44,9 @@ def rows_of_keys(
     schemas = model.model_json_schema(ref_template="{model}")["properties"]
     for key, field in model.model_fields.items():
         if (only is None or key in only) and key not in skip:
-            kind = (kinds or {}).get(key) or kind_of(schemas[key])
-            yield f"`{key}`", kind, default_of(field), told(key, field) if told else meaning(field)
+            name = field.alias or key
+            kind = (kinds or {}).get(key) or kind_of(schemas[name])
+            yield f"`{name}`", kind, default_of(field), told(key, field) if told else meaning(field)
 
 
 def kind_of(schema: Mapping[str, Any]) -> str:

@@ -27,7 +27,9 @@ _MOST, _NEAREST = 25, 5
 """Of a longer list than the keys of a table have, so many are told."""
 _EXPECTED = {
     "float_type": "a number",
+    "float_parsing": "a number",
     "int_type": "a whole number",
+    "int_parsing": "a whole number",
     "int_from_float": "a whole number",
     "string_type": "a text in quotes",
     "bool_type": "true or false",
