@@ -7,6 +7,7 @@ from tools import (
     bench_page,
     c_header,
     campaign_page,
+    commands_page,
     dbc,
     effects_page,
     golden,
@@ -26,6 +27,7 @@ Parts = Mapping[str, Callable[[], str]]
 PAGES: dict[str, Parts] = {
     "docs/reference/bench.md": bench_page.PARTS,
     "docs/reference/campaigns.md": {"keys": campaign_page.keys},
+    "docs/reference/cli.md": {"commands": commands_page.commands},
     "docs/reference/effects.md": {"entries": effects_page.entries},
     "docs/reference/errors.md": {"endings": requests_page.endings},
     "docs/reference/hidden-effects.md": {"effects": hidden_effects_page.effects},
