@@ -77,8 +77,10 @@ class FittedModel:
     @cached_property
     def told(self) -> Array:
         """(k,) how much of each parameter this record tells, 0 to 1: what it says nothing of costs nothing (MacKay,
-        Neural Computation 4, 1992, 415: the number of well-determined parameters).
+        Neural Computation 4, 1992, 415: the number of well-determined parameters). Nothing where the motion is lost.
         """
+        if not self.evaluation.sound:
+            return np.zeros(len(self.model.theta))
         deviation = self.prior_deviation
         relative = self.posterior_information * np.outer(deviation, deviation)
         return np.clip(1.0 - np.diagonal(np.linalg.pinv(relative, hermitian=True)), 0.0, 1.0)

@@ -113,6 +113,9 @@ def test_a_pass_that_fails_is_worth_nothing_and_no_start() -> None:
     assert not lost.evaluation.sound
     assert lost.objective == -np.inf
     assert maximise(of, lost) is lost
+    kept = at(of, layout, Model({}, np.array([0.0, 0.3]), of.declared_noise()))
+    assert kept.gain_over(lost) == kept.surplus_over(lost) == np.inf
+    assert lost.criterion == -np.inf
 
 
 DRAWS = 40
