@@ -49,7 +49,7 @@ def made(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> Any:
 
         def run_of(request: RunRequest, out: Path, *, progress: Any) -> Any:
             benches.append(request.bench)
-            assert request.note == f"experiment: {asked[-1].words}"
+            assert request.options["note"] == f"experiment: {asked[-1].words}"
             return SimpleNamespace(folder=Path("run"))
 
         def trace(*given: Any, **named: Any) -> Any:
