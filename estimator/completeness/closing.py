@@ -13,7 +13,7 @@ from estimator.completeness.information import Information, ScannedCoefficient
 from estimator.completeness.lacking import HARMLESS, Taken, leading, taken_together
 from estimator.completeness.scores import Scores, scores_of
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
-from estimator.completeness.stretched import Stretched, beside, first_of, fitted, likelihood_of
+from estimator.completeness.stretched import Stretched, beside, fitted, likelihood_of
 from estimator.completeness.turning import Turning, followed, instants, moved
 from estimator.completeness.words import Nearest, in_words
 from estimator.effects.labels import kind, searched_by
@@ -189,7 +189,7 @@ def _scanned(
 
 def tested_of(of: Stretched, base: FittedModel) -> dict[str, Mapping[str, float]]:
     """The catalogue, as the record that `base` was fitted to suggests its parameters."""
-    everything = of.candidates(base.model, first_of(of, base.evaluation))
+    everything = of.candidates(base.model, base.evaluation.shown(slice(0, of.samples)))
     return {name: given for name, given in everything.items() if _is_tested(*name.partition(":")[::2])}
 
 

@@ -90,9 +90,3 @@ def beside(of: Stretched, base: FittedModel, constants: Collection[str], most: f
 def _accounts(found: FittedModel, most: float) -> bool:
     """Whether a model leaves no more than `most` times the noise, rms."""
     return found.evaluation.sound and found.evaluation.scale <= most**2
-
-
-def first_of(of: Stretched, seen: Evaluation) -> Evaluation:
-    """A pass as far as the first stretch goes; of its sums nothing is meant."""
-    rows = slice(0, of.samples)
-    return replace(seen, innovation=seen.innovation[rows], deviation=seen.deviation[rows])

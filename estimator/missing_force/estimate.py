@@ -29,7 +29,8 @@ from estimator.trace.named import constants_of, effects_of, intervals_of
 from estimator.trace.observed import run
 from estimator.trace.problem import Effects, Problem
 from estimator.trace.start import begin_moving
-from estimator.trace.trace import judged_on
+from estimator.trace.trace import judged_on, likelihood_of
+from estimator.trace.traceable import require_traceable
 from estimator.trace.verdict import Judged
 
 _UNEVEN = 1e-3  # largest spread of the steps
@@ -52,7 +53,8 @@ def missing_force(problem: Problem, split: int) -> MissingForce:
     terms = library(problem, residual) if command() else ()  # they are compiled on first use
     device = replace(problem.device, own=(*problem.device.own, *(term.effect for term in terms)))
     problem = replace(problem, device=device)
-    _, judged, _ = judged_on(problem, split)
+    require_traceable(problem.record, problem.device, split)
+    _, judged, _ = judged_on(likelihood_of(problem, split), split)
     form = _form(judged, {term.effect.name: term for term in terms})
     return _drawn(problem, judged, form, first, split)
 

@@ -119,6 +119,10 @@ class Evaluation:
             innovation, deviation, share,
         )  # fmt: skip
 
+    def shown(self, rows: slice) -> "Evaluation":
+        """As far as these samples go; of its sums nothing is meant."""
+        return replace(self, innovation=self.innovation[rows], deviation=self.deviation[rows])
+
     @property
     def sound(self) -> bool:
         """Whether the filter followed the motion to the end."""

@@ -67,17 +67,10 @@ def _by_symmetry(
     device, found = problem.device, constants_of(model)
     stiffness = [found.get(f"k{axis}", value) for axis, value in zip(AXES, device.stiffness, strict=True)]
     damping = [found.get(f"d{axis}", value) for axis, value in zip(AXES, device.damping, strict=True)]
-    constants = Constants(
-        _three(stiffness), _three(damping), device.stiffness, problem.settings.spread.stiffness * device.target
-    )
+    constants = Constants(stiffness, damping, device.stiffness, problem.settings.spread.stiffness * device.target)
     intervals = {one.name: dict(one.coefficients) for one in effects}
     sizes = {one.name: one.coefficients for one in effects} | {one.name: one.bound for one in rejected}
     return {
         (same.effect, same.other): Separation(same.effect, same.other, 1.0, same.told_by, None, same.angle)
         for same in equivalents(intervals, constants, sizes.get("nonreciprocal_stiffness", {}).get("kn"))
     }
-
-
-def _three(values: list[float]) -> tuple[float, float, float]:
-    xx, yy, xy = values
-    return xx, yy, xy

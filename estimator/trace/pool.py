@@ -71,21 +71,16 @@ class Pool:
 class Level:
     """Where a covariate counts from, and what one of it is: mean and spread over the records that are fitted."""
 
-    covariate: str | None
-    mean: float
-    spread: float
-
-    @classmethod
-    def none(cls) -> "Level":
-        """Where nothing is said to differ."""
-        return cls(None, 0.0, 1.0)
+    covariate: str | None = None
+    mean: float = 0.0
+    spread: float = 1.0
 
     @classmethod
     def of(cls, pool: Pool) -> "Level":
         """Of the records of a pool.  Raises ModelError where the covariate is the same on all of them."""
         values = np.array([member.covariate for member in pool.members])
         if pool.covariate is None:
-            return cls.none()
+            return cls()
         if np.ptp(values) <= SAME * np.max(np.abs(values)):
             raise ModelError(
                 f"{pool.covariate} is {values[0]:g} on every record that is fitted; hold out other ones, or leave "

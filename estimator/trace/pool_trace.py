@@ -2,23 +2,20 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from estimator.diagnosis import Dependence, Diagnosis, Fit
 from estimator.scaling import Array
 from estimator.trace.checks import Evidence, agreement
-from estimator.trace.chosen import choose
 from estimator.trace.examination import Figures
 from estimator.trace.fit import FittedModel
 from estimator.trace.free_run import FreeRun
-from estimator.trace.named import constants_of, effects_of
 from estimator.trace.pool import Pool
 from estimator.trace.pooled import Pooled, pooled
 from estimator.trace.pooled_layout import PooledLayout, constant_of
 from estimator.trace.problem import Progress, unseen
-from estimator.trace.trace import judge, judged_of, likelihood_of
+from estimator.trace.trace import judged_on, likelihood_of
 from estimator.trace.verdict import diagnosis
 
 
@@ -31,15 +28,11 @@ def trace_pool(pool: Pool, held_out: Sequence[int], progress: Progress = unseen)
     hardest = fit.hardest
     whole = pooled(fit, judges, type(likelihood_of(hardest, len(hardest.record))))
     split = whole.fitted_samples
-    chosen = choose(whole.part(slice(0, split)), progress)
-    progress("checks", 0, 1)
-    before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
-    judged = judge(chosen, partial(judged_of, whole.problem, whole, chosen, before, split))
+    chosen, judged, before = judged_on(whole, split, progress)
     model = judged.evidence.model
     later = whole.part(slice(split, None)).evaluate(model.layout, model.model)
     agree = [*agreement(model, model.evaluation, held_out=False), *agreement(model, later, held_out=True)]
     judged = replace(judged, checks=[*judged.checks, *agree])
-    progress("checks", 1, 1)
     goes = tuple(_dependence(whole, judged.evidence, name) for name in judged.named if constant_of(name) is not None)
     figures = _figures(whole, chosen.before, before), _figures(whole, model, judged.after)
     found = diagnosis(whole.problem, split, chosen, judged, figures, progress, goes)

@@ -54,7 +54,7 @@ class Pooled(Filtered):
 
     parts: tuple[Part, ...] = ()
     judges: tuple[Part, ...] = ()
-    level: Level = field(default_factory=Level.none)
+    level: Level = field(default_factory=Level)
 
     @property
     def samples(self) -> int:
@@ -168,7 +168,7 @@ class Pooled(Filtered):
             part = self.parts[number]
             _, chart = layout.of_record(part)
             alone = Model(of_records(model.effects), chart @ model.theta, model.noise)
-            seen = _rows_of(evaluation, slice(ends[number] - part.of.samples, ends[number]))
+            seen = evaluation.shown(slice(ends[number] - part.of.samples, ends[number]))
             proposed = part.of.candidates(alone, seen)
             found |= {name: given for name, given in proposed.items() if (self._search(name) in REACHED) is reached}
         if self.level.covariate is not None:
@@ -251,10 +251,6 @@ def _beginnings(parts: Sequence[Part], samples: int) -> Iterator[Part]:
         left -= length
     for part in parts:
         yield part if part.of.samples <= length else part._replace(of=part.of.part(slice(0, length)))
-
-
-def _rows_of(seen: Evaluation, rows: slice) -> Evaluation:
-    return replace(seen, innovation=seen.innovation[rows], deviation=seen.deviation[rows])
 
 
 def _joined(fits: Sequence[Fit]) -> Fit:

@@ -76,7 +76,8 @@ def separations(
         found = {}
         for name, members in groups.items():
             for other, shown in _shown(of, model, name, members).items():
-                takes = _takes(shown, _spread(of, model, name), length, LONGEST * span)
+                own = model.layout.of(name)[: len(shown.form)]
+                takes = _takes(shown, model.covariance[np.ix_(own, own)], length, LONGEST * span)
                 if takes < math.inf:
                     found[name, other] = Advice(experiment, shown.likeness, takes, in_words(experiment, turn))
         return found
@@ -111,12 +112,6 @@ def _shown(of: Filtered, model: FittedModel, name: str, members: list[Member]) -
         form, _ = beside(whole, rows, columns[member.name])
         shown[member.name] = Shown(float(size @ total @ size), float(size @ form @ size), form)
     return {other: one for other, one in shown.items() if one.size > 0.0}
-
-
-def _spread(of: Filtered, model: FittedModel, name: str) -> Array:
-    """Covariance (c, c) of an effect's coefficients, scaled."""
-    own = model.layout.of(name)[: len(of.effect(name).coefficients)]
-    return model.covariance[np.ix_(own, own)]
 
 
 def _simplest(able: list[Advice], span: float) -> Advice:

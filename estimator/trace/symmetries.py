@@ -10,7 +10,7 @@ backwards turns the signs of D and C.  Each equivalent below is one of these, an
 such a record replaces (docs/explanation.md).
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -41,8 +41,8 @@ class Constants:
     its standard deviation, 1/s².
     """
 
-    stiffness: tuple[float, float, float]
-    damping: tuple[float, float, float]
+    stiffness: Sequence[float]
+    damping: Sequence[float]
     declared: tuple[float, ...]
     spread: float
 

@@ -35,27 +35,23 @@ def trace(problem: Problem, *, split: int, progress: Progress = unseen) -> Diagn
 
     Raises ModelError for a record that cannot be traced, with what to record instead.
     """
-    chosen, judged, before = judged_on(problem, split, progress)
+    require_traceable(problem.record, problem.device, split)
+    chosen, judged, before = judged_on(likelihood_of(problem, split), split, progress)
     return diagnosis(problem, split, chosen, judged, (before, judged.after), progress)
 
 
-def judged_on(problem: Problem, split: int, progress: Progress = unseen) -> tuple[Chosen, Judged, Examination]:
+def judged_on(whole: Filtered, split: int, progress: Progress = unseen) -> tuple[Chosen, Judged, Examination]:
     """What is chosen on the samples before `split`, what the checks say of it on the rest, and what the bench's
-    observer made of the record before.  Raises ModelError as `trace` does.
+    observer made of the record before.
     """
-    require_traceable(problem.record, problem.device, split)
-    whole = likelihood_of(problem, split)
-
-    def chosen_of_it() -> Chosen:
-        return choose(whole.part(slice(0, split)), progress)
-
-    if isinstance(whole, FreeRun):
+    chosen_of_it = partial(choose, whole.part(slice(0, split)), progress)
+    if type(whole) is Filtered:  # the bench's observer finds the constants itself, and waits for nobody's
+        before, chosen = together(lambda: examine(whole.problem, split), chosen_of_it)
+    else:
         chosen = chosen_of_it()
         before = whole.examined(constants_of(chosen.before), effects_of(chosen.before), split)
-    else:
-        before, chosen = together(lambda: examine(problem, split), chosen_of_it)
     progress("checks", 0, 1)
-    judged = judge(chosen, partial(judged_of, problem, whole, chosen, before, split))
+    judged = judge(chosen, partial(judged_of, whole, chosen, before, split))
     progress("checks", 1, 1)
     return chosen, judged, before
 
@@ -77,9 +73,7 @@ def judge(chosen: Chosen, of: Callable[[FittedModel], Judged]) -> Judged:
     return first if now.verdict is Verdict.UNEXPLAINED else now
 
 
-def judged_of(
-    problem: Problem, whole: Likelihood, chosen: Chosen, before: Examination, split: int, model: FittedModel
-) -> Judged:
+def judged_of(whole: Filtered, chosen: Chosen, before: Examination, split: int, model: FittedModel) -> Judged:
     """A model on the part held out, and what the checks say of it."""
     later, after = whole.part(slice(split, min(whole.samples, split + REFINED))), before
     if model.model.effects != chosen.before.model.effects:
@@ -88,8 +82,8 @@ def judged_of(
         except DivergedError:
             model = chosen.before
     evidence = evidence_of(later, chosen, model, before, after)
-    if problem.device.axes == 2 and after is not before:
-        evidence = replace(evidence, references=tuple(departures(problem, before, after, split)))
+    if whole.axes == 2 and after is not before:
+        evidence = replace(evidence, references=tuple(departures(whole.problem, before, after, split)))
     share = share_of(evidence.before_ratio, evidence.floor_ratio) if evidence.without else None
     return Judged(evidence, [check for checker in CHECKS for check in checker(evidence)], after, share, {})
 

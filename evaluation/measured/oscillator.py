@@ -45,10 +45,9 @@ def confirmed(name: str, chosen: Chosen, whole: Record) -> tuple[Chosen, str, tu
     """What was chosen, less effects that the checks take out again, on a record that begins with the part that was
     fitted; the word, as `hil trace` has it, and what speaks against more.
     """
-    problem, split = Problem(whole, *declared(name)), chosen.of.samples
-    of = FreeRun(problem)
+    of, split = FreeRun(Problem(whole, *declared(name))), chosen.of.samples
     before = of.examined(constants_of(chosen.before), effects_of(chosen.before), split)
-    found = judge(chosen, partial(judged_of, problem, of, chosen, before, split))
+    found = judge(chosen, partial(judged_of, of, chosen, before, split))
     against = tuple(check.sentence for check in found.checks if not check.passed)
     return replace(chosen, after=found.evidence.model), found.verdict.value, against
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
@@ -36,13 +35,6 @@ from hil.tracing.demodulated import trace_ring_down, trace_streams
 from hil.tracing.rate_sensor import with_gyro
 from hil.tracing.request import Traced, TraceRequest, called
 from hil.tracing.time_left import TimeLeft
-
-
-class Tracer(Protocol):
-    """From a problem to a diagnosis."""
-
-    def __call__(self, problem: Problem, *, split: int, progress: Callable[[str, int, int], None]) -> traced.Diagnosis:
-        """Choose effects on the samples before `split`, score them on the rest."""
 
 
 @one_blas_thread()
@@ -93,7 +85,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         def told(stage: str, done: int, total: int) -> None:
             progress(Progress(stage, done, total, left_s=left.told(stage, done, total)))
 
-        found = interruptible(lambda: _tracer()(problem, split=split, progress=told))
+        found = interruptible(lambda: _traced(problem, split, told))
     except ModelError as error:
         raise InputError(f"{capture}: {error}") from None
     found = _within_limits(found, bench)
@@ -124,11 +116,11 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
     return Traced(folder, diagnosis)
 
 
-def _tracer() -> Tracer:
+def _traced(problem: Problem, split: int, told: Callable[[str, int, int], None]) -> traced.Diagnosis:
     """Its modules are loaded here: after what can be refused without them, and where Ctrl-C need not wait for them."""
     from estimator.trace.trace import trace as by_likelihood
 
-    return by_likelihood
+    return by_likelihood(problem, split=split, progress=told)
 
 
 def _within_limits(found: traced.Diagnosis, bench: Bench) -> traced.Diagnosis:
