@@ -10,12 +10,12 @@ import numpy as np
 
 from estimator.core.free_run import free_run
 from estimator.core.taylor import taylor_order
-from estimator.effects.declaration import Source
+from estimator.effects.declaration import Effect, Source
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.scaling import Array
 
-REMEMBERED = (Source.TEMPERATURE, Source.INTEGRAL, Source.RESONATOR, Source.LAG, Source.WANE)
+_REMEMBERED = (Source.TEMPERATURE, Source.INTEGRAL, Source.RESONATOR, Source.LAG, Source.WANE)
 _LONGEST = 0.3  # of 1/ω0, the longest part of a step: an effect of 15 % is then integrated to 3e-6 of the amplitude
 
 
@@ -27,6 +27,11 @@ class Simulation:
 
     sensed: Array
     sensitivity: Array
+
+
+def remembers(effect: Effect) -> bool:
+    """Whether an effect depends on drives or readings of the past, which only the filter's pass carries."""
+    return effect.delayed is not None or any(signal.source in _REMEMBERED for signal in effect.signals)
 
 
 def simulate(
@@ -49,7 +54,7 @@ def simulate(
     of their own, and for a run that leaves all bounds.
     """
     for _, effect in observer.effects:
-        if effect.delayed is not None or any(signal.source in REMEMBERED for signal in effect.signals):
+        if remembers(effect):
             raise ModelError(f"effect {effect.name} depends on the past and cannot be run freely; leave it out")
     n, axes = len(drive), observer.device.axes
     if len(state) != len(observer.names):

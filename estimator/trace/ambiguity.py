@@ -62,7 +62,8 @@ def members(of: Likelihood, best: FittedModel) -> dict[str, list[Member]]:
     tests = exchange_test(of, best, of.candidates(known, best.evaluation), by_parabola) if by_parabola else {}
     kinds = {name: {kind(one) for one in best.model.effects if one != name} | {kind(name)} for name in names}
     found = {
-        name: (tests[name], best.loss(name)) if name in tests else _beside_the_rest(of, best, name) for name in names
+        name: (tests[name], best.without(name)[0]) if name in tests else _beside_the_rest(of, best, name)
+        for name in names
     }
     pairs = [
         (name, exchange)

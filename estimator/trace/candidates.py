@@ -8,14 +8,14 @@ from itertools import product
 import numpy as np
 
 from estimator.effects.catalogue import EFFECTS
-from estimator.effects.declaration import Effect, Parameter
+from estimator.effects.declaration import Effect, Parameter, Source
 from estimator.effects.labels import kind
 from estimator.effects.search import Search
 from estimator.observer import senses_allow
 from estimator.scaling import Scaling
 from estimator.trace.likelihood import Evaluation
 from estimator.trace.problem import Effects, Problem
-from estimator.trace.start_values import Values, has_signals, labelled, of_lines, of_modes, of_thresholds, rings
+from estimator.trace.start_values import Values, labelled, of_lines, of_modes, of_thresholds, rings
 
 CORNERS = 2
 """Of a filter, evenly on a logarithmic scale from one over the record's length to the resonance; and as many lags from
@@ -67,7 +67,7 @@ def _possible(problem: Problem, freely: bool) -> Iterator[Effect]:
             continue
         if effect.delayed is not None and not np.any(record.drive):
             continue
-        if not has_signals(effect.signals, record):
+        if "temperature" not in record.channels and any(one.source is Source.TEMPERATURE for one in effect.signals):
             continue
         yield effect
 

@@ -149,7 +149,7 @@ class FittedModel:
 
     def gain_of(self, name: str) -> float:
         """`gain_over` the model with one effect less, by the parabola that the likelihood is at its top."""
-        return self.loss(name) / self.scatter - float(
+        return self.without(name)[0] / self.scatter - float(
             self.told[self.layout.of(name)].sum() * np.log(self.evaluation.count.sum())
         )
 
@@ -159,10 +159,6 @@ class FittedModel:
         """
         return bool(np.any(self.layout.mean[self.layout.of(name)] == 0.0))
 
-    def loss(self, name: str) -> float:
-        """Of twice the log-likelihood without an effect, by the parabola."""
-        return self.twice_log_likelihood_of(self._loss(name)[0])
-
     def twice_log_likelihood_of(self, squares: float) -> float:
         """What is lost where the innovations' sum of squares is larger by that, over the noise that is left; −∞ where a
         parabola would leave less than nothing.
@@ -171,10 +167,6 @@ class FittedModel:
         if squares <= -samples:
             return -np.inf
         return samples * float(np.log1p(squares / samples))
-
-    def others_without(self, name: str) -> Array:
-        """The parameters (k,) where the parabola has its top without an effect."""
-        return self._loss(name)[1]
 
     def parted(self, name: str) -> tuple[list[int], list[int]]:
         """Places of an effect's parameters, and of all others."""
@@ -188,14 +180,14 @@ class FittedModel:
         own = self.layout.of(name)
         return np.where(self.layout.mean[own] == 0.0, -self.model.theta[own], 0.0)
 
-    def _loss(self, name: str) -> tuple[float, Array]:
-        """Of the sum of squares, over the noise that is left, without an effect; and the parameters then."""
+    def without(self, name: str) -> tuple[float, Array]:
+        """By the parabola, what is lost of twice the log-likelihood without an effect, and the parameters (k,) then."""
         (own, rest), removed = self.parted(name), self.removed(name)
         left, taken = beside(self.posterior_information, own, rest)
         left = left - np.diag(self.prior_deviation[own] ** -2.0)
         theta = self.model.theta.copy()
         theta[rest] -= taken @ removed
-        return max(float(removed @ left @ removed), 0.0), theta
+        return self.twice_log_likelihood_of(max(float(removed @ left @ removed), 0.0)), theta
 
     @property
     def posterior_information(self) -> Array:

@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from estimator.chance import chi2_isf
 from estimator.core.following import Portion, Signatures, scan_block
 from estimator.correlation import effective_samples
-from estimator.effects.declaration import Effect
 from estimator.errors import ModelError
 from estimator.observer import Observer
 from estimator.record import Record
 from estimator.scaling import Array
 from estimator.side_by_side import stop_if_abandoned
-from estimator.simulation import REMEMBERED, simulate
+from estimator.simulation import remembers, simulate
 from estimator.trace.candidates import candidates
 from estimator.trace.examination import Examination, examine
 from estimator.trace.filtered import ROUGH, Filtered
@@ -245,11 +244,6 @@ class FreeRun(Filtered):
         return Evaluation.of_rows(
             names, whitened, innovation * volts, deviation * np.abs(volts), weight=share, share=share
         )
-
-
-def remembers(effect: Effect) -> bool:
-    """Whether an effect depends on drives or readings of the past, which only the filter's pass carries."""
-    return effect.delayed is not None or any(signal.source in REMEMBERED for signal in effect.signals)
 
 
 class _Run:

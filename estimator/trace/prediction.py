@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from estimator.observer import Observer
-from estimator.record import Record
 from estimator.scaling import Array
 from estimator.settings import Gain
 from estimator.trace.observed import run
@@ -29,22 +28,18 @@ def free_run_error(problem: Problem, split: int) -> Array:
 
     Of a long record, in as many samples before `split` and behind it as the angle is read on.
     """
-    record = problem.record
-    errors = np.full((len(record), problem.device.axes), np.nan)
-    first, last = max(split - READ, 0), min(split + READ, len(record))
-    _run_freely(problem, first, last, errors)
-    return errors
-
-
-def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
-    """Fill `errors` (n, axes) between these samples of the record."""
     record, device, settings = problem.record, problem.device, problem.settings
+    errors = np.full((len(record), device.axes), np.nan)
+    first, last = max(split - READ, 0), min(split + READ, len(record))
     cycle = 2.0 * np.pi / np.sqrt(device.target) / float(np.mean(record.step))
     free = round(FREE_CYCLES * cycle)
     fading = Gain.FADING if settings.gain is Gain.STATIONARY else settings.gain
     observer = Observer(device, replace(settings, gain=fading), problem.controller)
     observer.hold_coefficients()
-    _begin_at(observer, record, first)
+    # What coefficients count from is the record's own beginning: its time, its first temperature.
+    temperature = record.channels.get("temperature")
+    warmth = None if temperature is None or not len(temperature) else float(temperature[0])
+    observer.begin_at(float(np.sum(record.step[:first])), warmth)
     begin = first + max(settled_from(settings, device, last - first), 1)
     run(observer, record.part(slice(first, begin)))
     while begin + free <= last:
@@ -56,10 +51,4 @@ def _run_freely(problem: Problem, first: int, last: int, errors: Array) -> None:
         begin = rows.stop + FOLLOWED * free
         if begin + free <= last:
             run(observer, record.part(slice(rows.stop, begin)))
-
-
-def _begin_at(observer: Observer, record: Record, first: int) -> None:
-    """What the effects' coefficients count from is the record's own beginning: its time, its first temperature."""
-    temperature = record.channels.get("temperature")
-    warmth = None if temperature is None or not len(temperature) else float(temperature[0])
-    observer.begin_at(float(np.sum(record.step[:first])), warmth)
+    return errors

@@ -180,7 +180,7 @@ def carried_over(fitted: FittedModel, layout: Layout) -> Array:
 
 def without_effect(of: Likelihood, fitted: FittedModel, name: str) -> FittedModel:
     """The model with one effect less, the others where the parabola of its likelihood has its top."""
-    return at(of, *reduced(of, fitted, name, fitted.others_without(name)))
+    return at(of, *reduced(of, fitted, name, fitted.without(name)[1]))
 
 
 def reduced(of: Likelihood, fitted: FittedModel, name: str, theta: Array) -> tuple[Layout, Model]:

@@ -9,7 +9,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from estimator.effects.declaration import Source
 from estimator.effects.search import Search
 from estimator.record import Record
 from estimator.residual.averaged import cross_density, power_density
@@ -29,13 +28,6 @@ Values = Sequence[tuple[str, tuple[float, ...]]]
 def labelled(shares: Sequence[float], of: float) -> Values:
     """These shares of a quantity, numbered from 1."""
     return [(str(label), (share * of,)) for label, share in enumerate(shares, start=1)]
-
-
-def has_signals(signals: tuple[object, ...], record: Record) -> bool:
-    """Whether a record has what an effect depends on beside state and drive."""
-    return "temperature" in record.channels or all(
-        getattr(signal, "source", None) is not Source.TEMPERATURE for signal in signals
-    )
 
 
 def of_lines(record: Record, device: Device, whitened: Array) -> Values:
