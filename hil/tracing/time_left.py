@@ -6,7 +6,7 @@ What follows hangs on what is found, so this is rough, and is said only where th
 import time
 from collections.abc import Callable
 
-_FOLLOWS = {"effects": 0.3, "checks": 0.2, "experiments": 0.0, "free runs": 0.1, "refinement": 0.0}
+_FOLLOWS = {"effects": 0.3, "checks": 0.2, "experiments": 0.0}
 """What follows a stage, as a share of all that was spent by its end.  There may be fewer rounds of effects than are
 counted on.
 """
