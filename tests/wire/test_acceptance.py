@@ -1,14 +1,18 @@
 """`hil identify --accept`: the rules of the wire asked of a board; the one that is not kept is named."""
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+from device_emulator import board as emulator
 from device_emulator.board import Board
+from device_emulator.registers import Refused
 from hil.boards.emulation import located
 from hil.progress import untold
 from hil.testing.acceptance import Accepted, accept
-from hil.wire.messages import Arm, Message
+from hil.wire.messages import Arm, Capabilities, Identity, LoopMode, Message, NackReason, RegisterWrite
+from hil.wire.spec import SPEC
 
 pytestmark = pytest.mark.slow
 
@@ -41,3 +45,24 @@ def test_a_rule_that_is_not_kept_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     assert not answers.good
     assert any("latches until hello" in rule for rule in answers.broken)
     assert len(answers.broken) < 20
+
+
+def test_rules_of_a_loop_mode_that_the_board_lacks_are_not_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    identity, write = emulator._identity, Board._write
+
+    def force_only(board: Board, request: RegisterWrite) -> list[Message]:
+        if request.register == SPEC.registers["LOOP_MODE"].id and request.value == LoopMode.GAIN:
+            raise Refused(NackReason.NOT_SUPPORTED)
+        return write(board, request)
+
+    def named(*given: Any) -> Identity:
+        able = identity(*given)
+        return able._replace(capabilities=able.capabilities & ~Capabilities.GAIN_MODE)
+
+    monkeypatch.setattr(emulator, "_identity", named)
+    monkeypatch.setattr(Board, "_write", force_only)
+    answers = asked(tmp_path)
+    assert answers.broken == {}
+    assert list(answers.untried.values()).count("this board has no gain mode") == 6

@@ -20,6 +20,7 @@ from hil.testing.board_rules.served import (
     drive,
     leave,
     samples,
+    set_loop_mode,
     set_running,
     status_of,
 )
@@ -104,7 +105,8 @@ class Conformance(Rules):
             pytest.skip("this board waits for its host")
         clock = ClockMode.LOCKSTEP if lockstep else ClockMode.PACED if Capabilities.PACED in able else ClockMode.REAL
         client.write_register(host, "CLOCK_MODE", clock, PATIENCE_S)
-        for name in ("LOOP_MODE", "BLOCK", "DRIVE_LIMIT"):
+        set_loop_mode(host, LoopMode.FORCE)
+        for name in ("BLOCK", "DRIVE_LIMIT"):
             client.write_register(host, name, SPEC.registers[name].default, PATIENCE_S)
         client.write_register(host, "WATCHDOG_TICKS", max(int(0.1 * identity.tick_rate_Hz), 2), PATIENCE_S)
         client.arm(host, PATIENCE_S)

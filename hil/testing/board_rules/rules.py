@@ -19,6 +19,7 @@ from hil.testing.board_rules.served import (
     leave,
     registers_of,
     samples,
+    set_loop_mode,
     set_running,
     status_of,
 )
@@ -155,7 +156,8 @@ class Rules:
             pytest.skip("this board does not wait for its host")
         if identity.latency_ticks == 0 and not any_latency:
             pytest.skip("this board has no latency; its rows are numbered otherwise")
-        for name, value in ({"CLOCK_MODE": 0, "LOOP_MODE": 0, "BLOCK": 1, "DRIVE_LIMIT": 8388607} | registers).items():
+        set_loop_mode(host, LoopMode(int(registers.pop("LOOP_MODE", LoopMode.FORCE))))
+        for name, value in ({"CLOCK_MODE": 0, "BLOCK": 1, "DRIVE_LIMIT": 8388607} | registers).items():
             client.write_register(host, name, value, PATIENCE_S)
         if "WATCHDOG_TICKS" not in registers:
             client.write_register(host, "WATCHDOG_TICKS", int(identity.tick_rate_Hz), PATIENCE_S)
@@ -528,8 +530,6 @@ class Rules:
 
     def nothing_is_left_of_an_estimators_drive(self, host: Endpoint) -> None:
         """Whatever its estimator computed before SAFE: behind ARM the force is zero until a drive is permitted."""
-        if Capabilities.BOARD_MODE not in Capabilities(client.connect(host, PATIENCE_S).capabilities):
-            pytest.skip("this board has no estimator")
         self.lockstep(host, LOOP_MODE=LoopMode.BOARD)
         driven = []
         for _ in range(40):
@@ -641,7 +641,7 @@ class Rules:
 
     def test_gain_mode_wants_a_filter_that_fades(self, host: Endpoint) -> None:
         client.connect(host, PATIENCE_S)
-        client.write_register(host, "LOOP_MODE", LoopMode.GAIN, PATIENCE_S)
+        set_loop_mode(host, LoopMode.GAIN)
         names = ("FILTER_A11", "FILTER_A12", "FILTER_A21", "FILTER_A22")
         try:
             for a, taken in (
@@ -660,7 +660,7 @@ class Rules:
                 else:
                     assert refusal(host, Arm()) is NackReason.OUT_OF_RANGE
             client.write_register(host, "FILTER_A11", -16.0, PATIENCE_S)
-            client.write_register(host, "LOOP_MODE", LoopMode.FORCE, PATIENCE_S)
+            set_loop_mode(host, LoopMode.FORCE)
             assert status(host, Arm()) == (State.ARMED, SafeReason.NONE)  # which has no filter
         finally:
             status_of(host)

@@ -5,11 +5,13 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+import pytest
+
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.link import Link
 from hil.wire.links import open_link
-from hil.wire.messages import Capabilities, ClockMode, Identity, SafeReason, State, Status
+from hil.wire.messages import Capabilities, ClockMode, Identity, LoopMode, SafeReason, State, Status
 from hil.wire.sense import SenseRow
 from hil.wire.spec import SPEC, Register
 
@@ -95,6 +97,13 @@ def registers_of(host: Endpoint) -> dict[str, Register]:
         for name, register in SPEC.registers.items()
         if not register.optional or Capabilities[register.optional] in able
     }
+
+
+def set_loop_mode(host: Endpoint, mode: LoopMode) -> None:
+    """Write LOOP_MODE; skips the rule where the board does not name the mode."""
+    if Capabilities[f"{mode.name}_MODE"] not in Capabilities(client.connect(host, PATIENCE_S).capabilities):
+        pytest.skip(f"this board has no {mode.name.lower()} mode")
+    client.write_register(host, "LOOP_MODE", mode, PATIENCE_S)
 
 
 def leave(host: Endpoint) -> None:
