@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from estimator.chance import TWO_SIDED
 from estimator.characteristics.regression import Estimate, Fitted, Floats, fitted, least_values, wider
 from estimator.characteristics.stretches import HARMONICS, Stretches
 
@@ -72,13 +73,17 @@ class Line:
         return {figure for figure, names in _COLUMNS.items() if any(name in self.fit.confounded for name in names)}
 
     def _nonlinearity(self) -> Estimate | None:
-        """The largest distance of a rate's mean from the straight line, over the largest rate."""
+        """The largest distance of a rate's mean from the straight line, over the largest rate; the interval is that of
+        the largest of so many (Bonferroni): noise alone leaves one of them far off."""
         if self.levels is None or self.levels.rate.size < 3:
             return None
+        from scipy.stats import norm
+
+        of_so_many = float(norm.isf(0.025 / self.levels.rate.size)) / TWO_SIDED
         full = float(np.abs(self.levels.rate).max())
         off = np.abs(self.levels.response - self.levels.rate) / full
         worst = int(np.argmax(off))
-        return Estimate.about(float(off[worst]), float(self.levels.half[worst]) / full).size
+        return Estimate.about(float(off[worst]), of_so_many * float(self.levels.half[worst]) / full).size
 
     def _harmonic(self, *names: str) -> Estimate | None:
         if not all(name in self.fit.names for name in names):

@@ -10,6 +10,7 @@ from estimator.characteristics.regression import Estimate, Floats
 _COHERENT = 0.6
 _SEGMENTS, _SEGMENT = 16, 16
 _ROUNDS = 9  # of moving the reference; two or three are enough where a window is longer than the delay
+_TONE, _BESIDE = 4, 0.01  # lines of the spectrum on either side of the largest; least share of the power beyond
 _STEPS = 16  # from two terms to as many as there are frequencies
 LEAST = _SEGMENT * (_SEGMENTS + 1) // 2
 """Samples of which there is a response, at least."""
@@ -22,8 +23,9 @@ def response(rate: Floats, reference: Floats, sample_rate_Hz: float) -> dict[str
     """`bandwidth` and `delay` of `rate` (n,) behind `reference` (n,), uniform samples without a gap.
 
     Only frequencies at which both move together count; without any there is nothing, and without the −3 dB point among
-    them no bandwidth. The delay is that of the lowest frequencies. Windows of a late output show less than its delay,
-    so the reference is moved by what was found until nothing is left (Bendat & Piersol, section 9.1.2).
+    them no bandwidth. A tone leads to no other frequency: nothing as well. The delay is that of the lowest frequencies.
+    Windows of a late output show less than its delay, so the reference is moved by what was found until nothing is left
+    (Bendat & Piersol, section 9.1.2).
     """
     if rate.size < LEAST or (both := _together(rate, reference, sample_rate_Hz)) is None:
         return {}
@@ -58,7 +60,9 @@ def _together(rate: Floats, reference: Floats, sample_rate_Hz: float) -> tuple[F
     _, together = coherence(reference, rate, **given)
     averages = (2 * rate.size // size - 1) * 0.75  # half overlapping Hann windows
     told = (together > _COHERENT) & (f > 0.0) & (power > 1e-6 * power.max())
-    if np.count_nonzero(told) < 2:
+    largest = int(np.argmax(power))
+    tone = float(power[max(largest - _TONE, 0) : largest + _TONE + 1].sum())
+    if np.count_nonzero(told) < 2 or float(power.sum()) - tone < _BESIDE * tone:
         return None
     off = np.sqrt(np.maximum(1.0 - together[told], 0.0) / (2.0 * together[told] * averages))  # by rounding below 0
     return f[told], np.abs(across[told]) / power[told], np.unwrap(np.angle(across[told])), off

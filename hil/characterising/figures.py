@@ -25,6 +25,8 @@ from hil.records.data_sheet import DataSheet, SheetRow
 Floats = npt.NDArray[np.float64]
 
 _STRETCH_S, _MOST = 0.1, 100_000  # length of a stretch, and how many there may be
+_ROUNDS, _CLOSE = 9, 0.05  # of moving the reference, until less than so much of the delay's interval is left
+_WORSE = 1.1  # mean square of what is left: a step that leaves more goes the wrong way
 _RESPONSE = 1 << 21  # samples that bandwidth and delay are read from
 _FIGURE_OF = {
     "quantisation": "quantisation",
@@ -60,6 +62,7 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
     told = AxisFigures(records[0].name, records[longest].span / records[longest].rate_Hz)
     at_rest = AllanSums(_settled_span(records[longest]))  # of a record without a reference one pass is enough
     parts = [_stretches(record, at_rest if number == longest else None) for number, record in enumerate(records)]
+    as_moved, late_s, parts = _in_time(records, parts)
     told.stretches = whole = joined(parts)
     told.referred = whole.reference is not None
     told.line = line(whole)
@@ -68,12 +71,14 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
         told.missing = why
         return told
     told.found = told.line.figures()
+    if (left := told.found.get("delay")) is not None:
+        told.found["delay"] = Estimate(left.value + late_s, left.low + late_s, left.high + late_s)
     if not told.referred:
         told.found["bias"] = told.found["bias"]._replace(said=AT_REST)
     elif "scale_factor_error" not in told.found and whole.reference is not None and np.any(whole.reference):
         told.found["bias"] = told.found["bias"]._replace(said=AT_ONE_RATE)
     told.found |= small_rates(told.line.levels)
-    record = records[longest]
+    record = as_moved[longest]
     if record.steady:
         told.missing |= dict.fromkeys((*_FIGURE_OF.values(), "bias_instability", "start_up"), "rows without time")
     else:
@@ -88,13 +93,32 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
             )
         _read(told, record, sums, moves=parts[longest].moves)
         if told.referred and whole.moves:
-            told.found |= _response(record)
+            told.found |= _response(records[longest])
         started = _start_up(record, told, parts[longest] if len(parts) == 1 else None)
         if started is not None:
             told.found["start_up"] = started
     _turn_on(told, parts)
     told.missing = {name: reason for name, reason in (why | told.missing).items() if name not in told.found}
     return told
+
+
+def _in_time(records: Sequence[Axis], parts: list[Stretches]) -> tuple[Sequence[Axis], float, list[Stretches]]:
+    """The records with their reference as late as the output is, that delay in s, and their stretches: what is late by
+    more than a first order is a smaller scale factor to a fit (1 − (ωτ)²/2 of a sine).
+    """
+    late_s, best = 0.0, line(joined(parts))
+    moved = records
+    for _ in range(_ROUNDS):
+        left = None if best is None else best.figures().get("delay")
+        if best is None or left is None or abs(left.value) <= _CLOSE * (left.high - left.low):
+            break
+        tried = [record.late_by(late_s + left.value) for record in records]
+        those = [_stretches(record) for record in tried]
+        found = line(joined(those))
+        if found is None or not np.mean(found.fit.residual**2) < _WORSE * np.mean(best.fit.residual**2):
+            break
+        moved, parts, best, late_s = tried, those, found, late_s + left.value
+    return moved, late_s, parts
 
 
 def _settled_span(record: Axis) -> int:

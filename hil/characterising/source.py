@@ -1,7 +1,7 @@
 """Records as rates that can be characterised: of a sensor each axis, of a whole-angle run what its angle did."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
@@ -55,6 +55,31 @@ class Axis:
     settled_from: int
     steady: bool
     blocks: Callable[[], Iterator[Block]]
+
+    def late_by(self, seconds: float) -> "Axis":
+        """The same beside a reference that is as much later, straight between its samples; less what that leaves
+        without one."""
+
+        def blocks() -> Iterator[Block]:
+            for before, block, after in _with_neighbours(self.blocks()):
+                near = [one for one in (before, block, after) if one is not None and one.reference is not None]
+                tick = np.concatenate([one.tick for one in near])
+                reference = np.concatenate([one.reference for one in near if one.reference is not None])
+                at = block.tick - seconds * self.rate_Hz
+                known = (tick[0] <= at) & (at <= tick[-1])
+                if known.any():
+                    moved = block._replace(reference=np.interp(at, tick, reference))
+                    yield moved if known.all() else moved.part(known)
+
+        return replace(self, blocks=blocks)
+
+
+def _with_neighbours(blocks: Iterator[Block]) -> Iterator[tuple[Block | None, Block, Block | None]]:
+    before, block = None, next(blocks, None)
+    while block is not None:
+        after = next(blocks, None)
+        yield before, block, after
+        before, block = block, after
 
 
 def axes_of(place: Path, bench: Bench | RateSensorBench | None, truth: Path | None) -> list[Axis]:

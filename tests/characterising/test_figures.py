@@ -12,6 +12,8 @@ from estimator.characteristics.response import response
 from estimator.characteristics.small_rates import small_rates
 from estimator.characteristics.start_up import start_up
 from estimator.characteristics.stretches import Stretches, pattern_columns
+from hil.characterising.figures import figures_of
+from hil.characterising.source import Axis, Block
 
 RATE_HZ = 100.0
 
@@ -69,6 +71,13 @@ def test_non_linearity_is_the_largest_distance_from_the_best_line():
     assert line(stretches(rate, turned)).figures()["scale_factor_nonlinearity"].value == pytest.approx(
         expected, rel=2e-3
     )
+
+
+def test_non_linearity_of_a_straight_device_is_none():
+    """The largest of 21 distances is one of noise: of a hundred records nearly all hold 0."""
+    turned = np.tile(steps(np.linspace(-2, 2, 21), 40), 2)
+    found = [line(stretches(turned + white(turned.size, 1e-2, seed), turned)).figures() for seed in range(100)]
+    assert np.mean([one["scale_factor_nonlinearity"].low == 0.0 for one in found]) >= 0.92
 
 
 def test_an_interval_of_a_reversed_output_has_its_ends_in_order():
@@ -284,3 +293,38 @@ def test_a_column_that_tells_nothing_is_left_out():
     assert found.names == ("a", "b")
     assert found.of("c") == 0.0
     assert Estimate(-2.0, -3.0, 1.0).size == Estimate(2.0, 0.0, 3.0)
+
+
+def turned_axis(rate, turned):
+    """A record of one axis, in blocks."""
+
+    def blocks():
+        for begin in range(0, rate.size, 1000):
+            end = min(begin + 1000, rate.size)
+            yield Block(np.arange(begin, end), rate[begin:end], turned[begin:end], None, None)
+
+    return Axis("x", RATE_HZ, 0, rate.size, 0, False, blocks)
+
+
+@pytest.mark.parametrize("kind", ["sine of 0.5 Hz", "sine of 1.5 Hz", "ramps", "vibration"])
+def test_the_scale_factor_of_a_late_output_is_that_of_one_in_time(kind):
+    """Right but late by 10 ms: a sine, ramps of half a second between the rates of a table, motion of a wide band.
+
+    To a fit beside the reference as it is, a sine is smaller by (ωτ)²/2: 490 and 4,440 ppm.
+    """
+    fine, late = 20, 20  # steps of a twentieth of a sample; 10 ms of them
+    n = 12_000 * fine
+    t = np.arange(n) / (RATE_HZ * fine)
+    if kind.startswith("sine"):
+        turned = 1.7 * np.sin(2 * np.pi * float(kind.split()[2]) * t)
+    elif kind == "ramps":
+        wide = fine * 50
+        turned = np.convolve(np.repeat([0.0, 1.2, -1.2, 0.4, -0.4, 0.0], n // 6), np.ones(wide) / wide, "same")
+    else:
+        b, a = butter(2, 8.0, fs=RATE_HZ * fine)
+        turned = lfilter(b, a, white(n, 3.0, 11))
+    output = np.concatenate([np.full(late, turned[0]), turned[:-late]])[::fine] + white(12_000, 5e-4, 12)
+    found = figures_of([turned_axis(output, turned[::fine])]).found
+    assert holds(found["scale_factor_error"], 0.0)
+    assert abs(found["scale_factor_error"].value) < 1e-4
+    assert found["delay"].value == pytest.approx(0.01, abs=1e-4)
