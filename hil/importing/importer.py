@@ -179,7 +179,7 @@ def open_source(
         packaged = PackagedSource(path, reader)
         require_keys_act(mapping, packaged.kind, str(path), map_file)
         return packaged
-    if path.suffix == ".parquet":
+    if path.suffix == ".parquet" and path.exists():
         raise InputError(f"{path}: no Parquet file, whatever its name says; export it anew, or name it as what it is")
     return TextSource(path, mapping)
 

@@ -20,6 +20,10 @@ _COARSE = 0.01
 """Of a step: rounding beyond it is told, as in `uniformity`."""
 
 
+_BEYOND_DATES_S = 2.6e11
+"""From 1970 on: the end of the year 9999, roughly."""
+
+
 class Remedies(NamedTuple):
     """What a refusal advises: how uneven time is accepted, how gaps are kept, where a rate is stated."""
 
@@ -80,6 +84,11 @@ def numbered_rows(
         return Numbered(tick, rate, True), (tick + (0 if mapping.steady else rows[0])) / rate
     if rate is not None:
         return _stated(source, table, stamps, rows, rate)
+    if abs(stamps.start or 0.0) > _BEYOND_DATES_S:
+        raise InputError(
+            f"{source.called}: column t_s: begins at {stamps.start:.4g} s, later than any date; say in the map which "
+            'unit it has: "ns", "us" or "ms"'
+        )
     stamped = np.flatnonzero(np.isfinite(stamps.elapsed))  # rows that are lost have a time as a rule
     time, rounded = _evenly(source, table, stamps, stamped, nonuniform, remedies, said)
     if not SLOWEST_HZ <= time.rate_Hz <= FASTEST_HZ:

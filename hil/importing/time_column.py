@@ -196,7 +196,8 @@ def _digit_of_floats(values: Floats, single: bool) -> float:
         if _are_rounded(values, 10.0**decimals, largest):
             found.append(10.0**-decimals)
             break
-    leading = int(np.floor(np.log10(largest)))
+    usual = float(np.quantile(np.abs(values), 0.9))  # the first value of a longer number says nothing of its digits
+    leading = int(np.floor(np.log10(usual or largest)))
     for digits in range(3, 10):
         if _have_digits(values, digits):
             found.append(10.0 ** (leading - digits + 1))

@@ -144,6 +144,13 @@ def test_rounded_stamps_ask_for_their_rate_and_keep_their_gaps(tmp_path: Path, k
     np.testing.assert_array_equal(capture.tick, kept)
 
 
+def test_milliseconds_up_to_ten_seconds_are_rounded_to_a_millisecond(tmp_path: Path) -> None:
+    """The last stamp, 10, has a digit more before its point, and none behind."""
+    columns = {"t": np.round(np.arange(4001) / 400.0, 3), "x": np.sin(np.arange(4001))}
+    with pytest.raises(InputError, match=r"rounded to 0\.001 s, and 400 Hz fits them all"):
+        bring("text", tmp_path, columns, MAPPED)
+
+
 @pytest.mark.parametrize("kind", ["text", "MATLAB", "Parquet", "arrays"])
 def test_uneven_stamps_of_few_digits_are_told(tmp_path: Path, kind: str) -> None:
     """Steps of 2.5 ms that are off by up to 1 ms, in whole milliseconds: rounding is 40 % of a step."""

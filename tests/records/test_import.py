@@ -146,8 +146,17 @@ def test_a_refused_import_leaves_the_old_capture_as_it_was(bring, tmp_path):
 def test_a_missing_file_and_a_folder(tmp_path):
     with pytest.raises(InputError, match=r"gone\.csv: cannot be read \(no such file or directory\)"):
         import_record(tmp_path / "gone.csv", tmp_path / "x.arrow")
+    with pytest.raises(InputError, match=r"gone\.parquet: cannot be read \(no such file or directory\)"):
+        import_record(tmp_path / "gone.parquet", tmp_path / "x.arrow")
     with pytest.raises(InputError, match="is a directory"):
         import_record(tmp_path, tmp_path / "x.arrow")
+
+
+def test_a_time_beyond_all_dates_is_one_of_another_unit(bring):
+    """Nanoseconds since 1970, as seconds: 4000 samples at 4e-06 Hz, without a word."""
+    rows = [f"{1_764_000_000_000_000_000 + 250_000 * k},{0.1 * k:.3f}" for k in range(20)]
+    with pytest.raises(InputError, match=r"t_s: begins at 1\.764e\+18 s, later than any date; say in the map .*ns"):
+        bring(HEADER + "\n".join(rows) + "\n")
 
 
 @pytest.mark.slow
