@@ -158,3 +158,8 @@ class Tables(Section):
         """Standard deviation of the initial value of the sense offsets."""
         own = self.observer.initial_sd.offset_V
         return self.device.sense.offset_sd_V if own is None else own
+
+    @property
+    def damping_sd_per_s(self) -> float:
+        """Standard deviation of each of the declared dxx, dyy and dxy."""
+        return self.observer.initial_sd.damping * sum(self.device.damping_per_s[:2]) / 2.0

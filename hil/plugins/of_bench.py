@@ -68,7 +68,7 @@ def parts_of(bench: Bench, named: dict[Kind, str]) -> list[PluginPart]:
     for part in parts:
         if part.name == PLUGIN:
             loops = bench.controller.loops.options(bench.controller.mode)
-            part.options = loops | {"settle_s": bench.loop.settle_s}
+            part.options = loops | {"settle_s": bench.loop.settle_s, "damping_sd_per_s": bench.damping_sd_per_s}
     return parts
 
 

@@ -180,7 +180,8 @@ def _there_and_back(bench: Bench) -> float:
 def _estimation(row: Contribution, bench: Bench) -> Remedy:
     if bench.controller.mode in CLASSIC:
         xx, yy, xy = bench.device.damping_per_s
-        turned = 0.5 * math.hypot(0.5 * (xx - yy), xy) * (bench.loop.duration_s - bench.loop.settle_s)
+        turned = 0.5 * math.hypot(0.5 * (xx - yy), xy, bench.damping_sd_per_s)
+        turned *= bench.loop.duration_s - bench.loop.settle_s
         if turned > math.sqrt(0.5) * row.contribution_rad:  # most of the variance
             return Remedy(
                 'set [controller] mode = "whole_angle", which estimates the damping, and run again',

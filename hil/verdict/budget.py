@@ -208,8 +208,9 @@ def _rows(
 _GIVEN = "1: as the plug-in gives it"
 _HOW: Mapping[str | None, str] = {
     None: "1: covariance of the estimate, and of the constants used to subtract the rotation by drive forces",
-    CLASSIC: "1: demodulated noise of the loops, the bias that the declared damping can cause, and in mode_reversal "
-    "the rate's change over each exchange for as long as the rate was held",
+    CLASSIC: "1: demodulated noise of the loops, the turn by damping as declared and as uncertain "
+    "([observer.initial_sd] damping), and in mode_reversal the rate's change over each exchange for as long as the "
+    "rate was held",
 }
 
 

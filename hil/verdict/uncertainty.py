@@ -62,5 +62,4 @@ def _damping_sd_per_s(bench: Bench) -> float | None:
     """Of the observer of 7 states, which takes the parameters as known: what it is told of the damping."""
     if bench.observer.variant != "sense" or bench.observer.plugin is not None:
         return None
-    mean = sum(bench.device.damping_per_s[:2]) / 2.0
-    return bench.observer.initial_sd.damping * mean
+    return bench.damping_sd_per_s

@@ -37,18 +37,23 @@ def driven(
     loops: Mapping[str, Any] = _NONE,
     rate_rad_s: float = RATE_RAD_S,
     rate: Mapping[str, Any] | None = None,
+    damping_sd: float = 1e-3,
 ) -> Driven:
     """S-slow from rest, its stiffness and damping declared as they are, where `truth` does not say otherwise."""
     real = {key: list(value) for key, value in device.items()} | {"position_m": [0.0, 0.0]} | dict(truth)
     scenario = gyro.scenario(
         place / "board.toml", truth=real, rate=dict(rate or {"kind": "constant", "rate_rad_s": rate_rad_s})
     )
-    return drive_directly(declared(mode, device, loops), scenario, duration_s)
+    return drive_directly(declared(mode, device, loops, damping_sd), scenario, duration_s)
 
 
-def declared(mode: str, device: Mapping[str, Any] = SPLIT, loops: Mapping[str, Any] = _NONE) -> Bench:
+def declared(
+    mode: str, device: Mapping[str, Any] = SPLIT, loops: Mapping[str, Any] = _NONE, damping_sd: float = 1e-3
+) -> Bench:
+    """damping_sd: of the mean damping."""
     changes: dict[str, Any] = {"mode": mode, "virtual_rotation_rad_s": 0.0, "dither_mps2": 0.0, "loops": loops}
-    return override(gyro.bench(10.0), {"controller": changes, "device": device}, "test")
+    observer = {"initial_sd": {"damping": damping_sd}}
+    return override(gyro.bench(10.0), {"controller": changes, "device": device, "observer": observer}, "test")
 
 
 @pytest.mark.parametrize("device", [ROUND, SPLIT], ids=["round", "split"])
@@ -65,13 +70,29 @@ def test_the_balancing_force_is_the_rate_and_the_coupling_damping(tmp_path: Path
     assert np.abs(turned - 2.0 * RATE_RAD_S) < 2.0 * found.angle_u[-1]
 
 
+@pytest.mark.parametrize("device", [ROUND, SPLIT], ids=["round", "split"])
 @pytest.mark.parametrize("mode", ["force_to_rebalance", "classic_whole_angle"])
-def test_its_uncertainty_counts_from_where_the_angle_is_zero(tmp_path: Path, mode: str) -> None:
-    """[loop] settle_s, 4 s: damping may have turned it since by ½ √((Δd/2)² + dxy²) t."""
-    found = driven(tmp_path, mode, 8.0, SPLIT)
-    dxx, dyy, dxy = (value / MASS_KG for value in SPLIT["damping_N_s_per_m"])
-    grown = 0.5 * math.hypot(0.5 * (dxx - dyy), dxy) * (8.0 - 4.0)
+def test_its_uncertainty_is_the_turn_by_damping_since_its_zero(
+    tmp_path: Path, mode: str, device: Mapping[str, Any]
+) -> None:
+    """[loop] settle_s, 4 s: the angle has ∫ ½ dxy cos 2α − ¼ Δd sin 2α dt more, with dxx, dyy and dxy each ± 0.1 d."""
+    found = driven(tmp_path, mode, 8.0, device, damping_sd=0.1)
+    dxx, dyy, dxy = (value / MASS_KG for value in device["damping_N_s_per_m"])
+    sd = 0.1 * 0.5 * (dxx + dyy)
+    azimuth = -found.angle[16000:] if mode == "classic_whole_angle" else np.zeros(16000)
+    sine, cosine = (float(np.sum(wave(2.0 * azimuth))) / gyro.RATE_HZ for wave in (np.sin, np.cos))
+    grown = math.hypot(0.5 * math.hypot(dxy, sd) * cosine, 0.25 * math.hypot(dxx - dyy, math.sqrt(2.0) * sd) * sine)
     assert found.angle_u[-1] == pytest.approx(grown, rel=0.02)
+
+
+@pytest.mark.parametrize("mode", ["force_to_rebalance", "classic_whole_angle"])
+def test_damping_that_is_declared_isotropic_is_still_uncertain(tmp_path: Path, mode: str) -> None:
+    """A true damping 10 % apart and 5 % coupled, within its uncertainty: its turn is within that of the angle."""
+    isotropic = SPLIT | {"damping_N_s_per_m": (1.25e-3, 1.25e-3, 0.0)}
+    truth = {"damping_N_s_per_m": list(SPLIT["damping_N_s_per_m"])}
+    found = driven(tmp_path, mode, 12.0, isotropic, truth=truth, rate_rad_s=0.02, damping_sd=0.1)
+    error = found.angle[-1] - found.angle[16000] - 0.02 * 8.0
+    assert 0.1 < abs(error) < 2.0 * found.angle_u[-1] < 1.5
 
 
 def test_exchanging_the_axes_takes_that_bias_off(tmp_path: Path) -> None:

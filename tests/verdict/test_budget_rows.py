@@ -242,10 +242,13 @@ def test_no_remedy_is_a_setting_that_a_plug_in_does_not_read() -> None:
 
 
 def test_a_rate_that_the_damping_may_add_is_none_that_amplitude_lowers() -> None:
-    """¼ of Δd of 0.5 /s over 8 s is the whole of the row; of 0.05 /s it is a tenth, and the rest is noise."""
-    for apart, asked in ((0.5, '[controller] mode = "whole_angle"'), (0.05, "[device] amplitude_m")):
+    """¼ of Δd of 0.5 /s over 8 s is the whole of the row; of 0.05 /s it is a tenth, and the rest is noise; so are ½ of
+    0.25 /s and of 0.025 /s that a damping is uncertain by."""
+    whole, rest = '[controller] mode = "whole_angle"', "[device] amplitude_m"
+    for apart, sd, asked in ((0.5, 0.01, whole), (0.05, 0.01, rest), (0.0, 0.25, whole), (0.0, 0.025, rest)):
         device = {"mass_kg": 1e-3, "damping_N_s_per_m": [1e-3 * (1.0 + apart), 1e-3, 0.0]}
-        loops = bench({}, device=device, controller={"mode": "force_to_rebalance"})
+        known = {"initial_sd": {"damping": sd}, "process_noise": {"rate_rad_s_per_rts": 0.0}}
+        loops = bench({}, device=device, controller={"mode": "force_to_rebalance"}, observer=known)
         assert asked in remedy(row("estimation", "rad"), loops).text
 
 

@@ -21,14 +21,17 @@ typedef struct {
     double hold_s, missed2, change2; /* length of the present hold of the rate; of past ones: rad2 that they may have
                                         missed since the zero, and squared changes of the rate */
     int64_t holds;
-    double bias_sd;                /* rad/s, that the declared damping can cause */
+    double between_sd, across_sd;  /* 1/s, of half of dxx - dyy, and of dxy, which no loop takes off */
+    double complex coupling, coupled_s; /* sine and cosine of twice the frame at which the rate was read, 0 where the
+                                           exchange takes off what damping adds; its integral since the zero */
     double windows[3], sum, walk2; /* of the quadrature's rate; rad2/s */
     int64_t samples, whole, walks;
 } classic;
 
 static const char *const option_names[] = {"mode",       "amplitude_Hz",     "phase_Hz",   "rate_Hz", "quadrature_Hz",
                                            "phase_margin_deg", "exchange_s", "search_s",   "ring_up_s", "lock_s",
-                                           "null_s",     "probe_loop",       "probe_Hz",   "probe_size", "settle_s"};
+                                           "null_s",     "probe_loop",       "probe_Hz",   "probe_size", "settle_s",
+                                           "damping_sd_per_s"};
 
 unsigned gyro_plugin_version(void)
 {
@@ -80,7 +83,8 @@ const char *gyro_plugin_init(void *instance, const gyro_plugin_device *device)
                                  .size = given->probe_size};
     in->coupled = (device->stiffness_per_s2[2] - 0.5 * I * (device->stiffness_per_s2[0] - device->stiffness_per_s2[1])) *
                   device->amplitude_m / (2.0 * in->nominal);
-    own->bias_sd = 0.5 * hypot(0.5 * (d[0] - d[1]), d[2]);
+    own->between_sd = sqrt(0.25 * (d[0] - d[1]) * (d[0] - d[1]) + 0.5 * given->damping_sd * given->damping_sd);
+    own->across_sd = hypot(d[2], given->damping_sd);
     own->whole = (int64_t)(20.0 / in->rate.gain / in->step_s);
     set_limits(&own->start, in);
     begin_phase(&own->start, SEARCH);
@@ -136,19 +140,30 @@ static void read_out(classic *own, double imposed)
             own->first_theta = theta;
         own->imposed += imposed * in->step_s;
         own->rate = -(in->rate.integral) / gain;
+        own->coupling = cexp(2.0 * I * in->frame);
         own->angle = (own->first_theta - theta - own->imposed) / gain;
     } else {
         double bias = own->exchange.bias * cos(2.0 * in->frame);
         double now = (in->force_rate - bias) / gain;
         bool read = (int)in->given.mode != MODE_REVERSAL || own->exchange.settled;
         watch_hold(own, now, read);
-        if (read)
+        if (read) {
+            own->coupling = own->exchange.exchanges < 2 ? cexp(2.0 * I * in->frame) : 0.0;
             own->recent += (now - own->recent) * fmin(0.1 * in->rate.gain * in->step_s, 1.0);
+        }
         own->rate = read ? now : own->recent;
         own->angle += own->rate * in->step_s;
         watch_noise(own);
     }
+    own->coupled_s += own->coupling * in->step_s;
     own->running_s += in->step_s;
+}
+
+/* What damping may add to the rate, or with its integral to the angle: half of dxy cos 2a - (dxx - dyy)/2 sin 2a. */
+static double by_damping(const classic *own, double complex coupling)
+{
+    return 0.5 * hypot(own->between_sd * cimag(coupling), own->across_sd * creal(coupling)) /
+           own->loops.device.angular_gain;
 }
 
 static void tell(const classic *own, gyro_plugin_estimate *estimate)
@@ -165,13 +180,12 @@ static void tell(const classic *own, gyro_plugin_estimate *estimate)
     double sd = sqrt(2.0 * in->share * in->noise_V2) / fabs(in->device.sense_gain_V_per_m[0]) / a;
     double counted_s = own->running_s - own->zero_s;
     double missed2 = own->missed2 + own->change2 / fmax((double)own->holds, 1.0) * own->hold_s * own->hold_s / 3.0;
-    double held_s = own->exchange.exchanges > 2 ? fmin(counted_s, in->given.exchange_s) : counted_s;
+    double bias = by_damping(own, own->coupling), damped = by_damping(own, own->coupled_s);
     all += creal(in->across) * creal(in->across) + cimag(in->across) * cimag(in->across);
     estimate->state[GYRO_PLUGIN_RATE] = own->rate;
-    estimate->deviation[GYRO_PLUGIN_RATE] = hypot(sd * in->rate.gain, own->bias_sd);
+    estimate->deviation[GYRO_PLUGIN_RATE] = hypot(sd * in->rate.gain, bias);
     estimate->angle_rad = own->angle;
-    estimate->angle_u_rad =
-        sqrt(sd * sd + own->walk2 * counted_s + missed2 + own->bias_sd * own->bias_sd * held_s * held_s);
+    estimate->angle_u_rad = sqrt(sd * sd + own->walk2 * counted_s + missed2 + damped * damped);
     estimate->energy_ratio = all / (set * set);
     estimate->quadrature_ratio = 2.0 * creal(in->along) * cimag(in->across) / fmax(all, 1e-6 * set * set);
     const spring_fit *springs = &own->springs;
@@ -201,6 +215,7 @@ void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_
     if ((double)sample->number * in->step_s < in->given.settle_s) {
         own->zero_s = own->running_s;
         own->missed2 = 0.0;
+        own->coupled_s = 0.0;
     }
     if (own->start.phase > SEARCH)
         lock_phase(in, 0.05);

@@ -21,10 +21,11 @@
 enum { FORCE_TO_REBALANCE = 1, MODE_REVERSAL, WHOLE_ANGLE };
 enum { LOOP_AMPLITUDE = 1, LOOP_PHASE, LOOP_RATE, LOOP_QUADRATURE };
 
-/* From [controller.loops], in the order of `option_names`, and [loop] settle_s, behind which the angle counts. */
+/* From [controller.loops], in the order of `option_names`, [loop] settle_s, behind which the angle counts, and how well
+   each of the declared dampings is known, 1/s. */
 typedef struct {
     double mode, amplitude_Hz, phase_Hz, rate_Hz, quadrature_Hz, phase_margin_deg, exchange_s;
-    double search_s, ring_up_s, lock_s, null_s, probe_loop, probe_Hz, probe_size, settle_s;
+    double search_s, ring_up_s, lock_s, null_s, probe_loop, probe_Hz, probe_size, settle_s, damping_sd;
 } options;
 
 typedef struct {
