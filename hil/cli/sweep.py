@@ -152,7 +152,8 @@ def summary(plan: "Plan", found: "Sweep") -> dict[str, Any]:
 
     from hil.sweeping.ensemble import knows, over_bound
 
-    table, dependence, honesty = found.table, found.dependence, knows(found.table)
+    table, dependence = found.table, found.dependence
+    honesty = knows(table) if plan.campaign.each.drawn_initial else None
     return {
         "campaign": plan.campaign.name,
         "folder": str(found.path),
@@ -175,6 +176,7 @@ def summary(plan: "Plan", found: "Sweep") -> dict[str, Any]:
         if honesty is None
         else {"mean": honesty.nees, "band": honesty.nees_band, "runs": honesty.runs, "held": honesty.held},
         "baseline": [one._asdict() for one in found.changes] or None,
+        "uncompared": found.uncompared,
         "worst": [
             {"run": one.run, "outcome": one.outcome, "value": one.value, "command": one.command} for one in found.worst
         ],
@@ -204,6 +206,8 @@ def _print(told: dict[str, Any], lines: list[str]) -> None:
         print(f"\n\nbeside the baseline, {len(baseline)} comparisons", end="")
         for line in lines:
             print(f"\n  worse  {printable(line)}", end="")
+        for line in told["uncompared"]:
+            print(f"\n  not compared  {printable(line)}", end="")
     print("\n\nworst")
     for one in told["worst"][:5]:
         value = "–" if one["value"] is None else f"{one['value']:.4g}"

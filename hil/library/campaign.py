@@ -25,10 +25,12 @@ class Sweep:
     Attributes:
         made, seconds: how many of its runs were made just now, and in how long.
         changes: what became of each figure since the baseline that was given; none without one.
+        uncompared: what the baseline lacks of it, a sentence each.
     """
 
     def __init__(self, plan: Plan, folder: Path, made: int = 0, seconds: float = 0.0) -> None:
         self.changes: list[Change] = []
+        self.uncompared: list[str] = []
         self._plan = plan
         self._folder = folder
         self.made, self.seconds = made, seconds
@@ -108,9 +110,10 @@ def carried_out(request: "CampaignRequest", progress: Watcher) -> Sweep:
         (request.folder / "report.html").unlink(missing_ok=True)
     swept = Sweep(request.plan, request.folder, done.made, done.seconds)
     if request.baseline is not None:
-        from hil.sweeping.baseline import as_junit, changes
+        from hil.sweeping.baseline import as_junit, changes, uncompared
 
         swept.changes = changes(swept.table, request.baseline, request.plan.campaign)
+        swept.uncompared = uncompared(swept.table, request.baseline, request.plan.campaign)
         if request.junit is not None:
             write_text(request.junit, as_junit(swept.changes, request.plan.campaign.name))
     return swept

@@ -36,6 +36,7 @@ GATED = (
 
 _LEAST = {figure.key for figure in FIGURES if figure.name in AT_LEAST}
 _FEWEST = 2
+_NAMED = 3
 
 Cell = tuple[str, ...]
 """A point of a campaign: each varied key with its value."""
@@ -103,6 +104,27 @@ def changes(new: "pyarrow.Table", old: "pyarrow.Table", campaign: Campaign) -> l
     return _holm(found)
 
 
+def uncompared(new: "pyarrow.Table", old: "pyarrow.Table", campaign: Campaign) -> list[str]:
+    """What `changes` says nothing of, for want of runs or figures in the baseline; a sentence each."""
+    mine, theirs = (_by_cell(table, campaign, ()) for table in (new, old))
+    found = []
+    if lacking := [", ".join(cell) for cell in mine if cell not in theirs]:
+        more = ", …" if len(lacking) > _NAMED else ""
+        found.append(
+            f"{len(lacking)} of {len(mine)} cells: the baseline has no run at {'; '.join(lacking[:_NAMED])}{more}"
+        )
+    figures = (*GATED, *(one.key for one in FIGURES))
+    return found + [f"{one}: the baseline has none" for one in figures if _has(new, one) and not _has(old, one)]
+
+
+def _has(table: "pyarrow.Table", figure: str) -> bool:
+    return figure in table.column_names and any(map(_told, table[figure].to_pylist()))
+
+
+def _told(value: float | None) -> bool:
+    return bool(value) and math.isfinite(value or 0.0)
+
+
 def _groups(cells: Sequence[Cell]) -> dict[str, list[Cell]]:
     """Cells that are looked at together, by what they have in common: each by itself, those of one value, all ("")."""
     groups = {", ".join(cell): [cell] for cell in cells}
@@ -143,7 +165,7 @@ def _shown(value: Any) -> str:
 def _sizes(rows: Sequence[dict[str, Any]], figure: str) -> dict[int, float]:
     """Logarithm of a figure's size by seed; of one of which more is better its negative."""
     sign = -1.0 if figure in _LEAST else 1.0
-    return {row["seed"]: sign * math.log(abs(row[figure])) for row in rows if row[figure]}
+    return {row["seed"]: sign * math.log(abs(row[figure])) for row in rows if _told(row[figure])}
 
 
 def _change(figure: str, cell: str, group: Sequence[Cell], mine: Cells, theirs: Cells) -> Change | None:

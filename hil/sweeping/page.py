@@ -54,7 +54,7 @@ def render(plan: Plan, folder: Path, table: "pyarrow.Table") -> str:
     figure = plan.campaign.report.figure
     found = dependence(plan, table, figure)
     worst = worst_of(table, figure, plan.campaign.report.worst, plan.called)
-    ratios, honesty = over_bound(table), knows(table)
+    ratios, honesty = over_bound(table), knows(table) if plan.campaign.each.drawn_initial else None
     numbered = Figures()
     outcomes = Counter(table["outcome"].to_pylist())
     sections = [

@@ -10,7 +10,7 @@ from pyarrow import parquet
 
 import hil
 from hil.errors import InputError
-from hil.sweeping.baseline import GATED, changes, read_baseline
+from hil.sweeping.baseline import GATED, changes, read_baseline, uncompared
 from hil.sweeping.campaign import Campaign, Vary
 from hil.sweeping.plan import Plan
 from hil.toml.reading import toml_value
@@ -116,6 +116,23 @@ def test_from_the_command_line(swept, tmp_path, called):  # noqa: F811
     _, out, _ = called(*(one for one in call if one != "--json"), "--baseline", "better.parquet")
     assert "\\n" not in out
     assert sum(line.startswith("  worse  rate_error_rms_rad_s") for line in out.splitlines()) >= 1
+
+
+def test_what_the_baseline_lacks_is_told():
+    """A cell, a column, a figure that was 0 or no number: a gate that looks at less says so."""
+    generator = np.random.default_rng(6)
+    new, old = (results(generator, range(4), 1) for _ in range(2))
+    assert uncompared(new, old, CAMPAIGN) == []
+    fewer = old.slice(4).drop_columns(["innovation_ratio"])
+    for name, value in (("converged_s", 0.0), ("pattern_error_rms_rad", float("inf"))):
+        fewer = fewer.set_column(fewer.column_names.index(name), name, pa.array([value] * len(fewer)))
+    assert uncompared(new, fewer, CAMPAIGN) == [
+        "1 of 3 cells: the baseline has no run at noise_V 0.0001",
+        "pattern_error_rms_rad: the baseline has none",
+        "innovation_ratio: the baseline has none",
+        "converged_s: the baseline has none",
+    ]
+    assert not any(one.worse for one in changes(new, fewer, CAMPAIGN))
 
 
 def test_a_baseline_without_a_common_cell_is_refused_before_the_first_run(tmp_path):
