@@ -306,13 +306,15 @@ def turned_axis(rate, turned):
     return Axis("x", RATE_HZ, 0, rate.size, 0, False, blocks)
 
 
+@pytest.mark.parametrize("late", [20, 30])
 @pytest.mark.parametrize("kind", ["sine of 0.5 Hz", "sine of 1.5 Hz", "ramps", "vibration"])
-def test_the_scale_factor_of_a_late_output_is_that_of_one_in_time(kind):
-    """Right but late by 10 ms: a sine, ramps of half a second between the rates of a table, motion of a wide band.
+def test_the_scale_factor_of_a_late_output_is_that_of_one_in_time(kind, late):
+    """Right but late by a sample or one and a half, 10 and 15 ms: a sine, ramps of half a second between the rates of a
+    table, motion of a wide band.
 
     To a fit beside the reference as it is, a sine is smaller by (ωτ)²/2: 490 and 4,440 ppm.
     """
-    fine, late = 20, 20  # steps of a twentieth of a sample; 10 ms of them
+    fine = 20  # steps of a sample
     n = 12_000 * fine
     t = np.arange(n) / (RATE_HZ * fine)
     if kind.startswith("sine"):
@@ -321,10 +323,10 @@ def test_the_scale_factor_of_a_late_output_is_that_of_one_in_time(kind):
         wide = fine * 50
         turned = np.convolve(np.repeat([0.0, 1.2, -1.2, 0.4, -0.4, 0.0], n // 6), np.ones(wide) / wide, "same")
     else:
-        b, a = butter(2, 8.0, fs=RATE_HZ * fine)
+        b, a = butter(4, 8.0, fs=RATE_HZ * fine)
         turned = lfilter(b, a, white(n, 3.0, 11))
     output = np.concatenate([np.full(late, turned[0]), turned[:-late]])[::fine] + white(12_000, 5e-4, 12)
     found = figures_of([turned_axis(output, turned[::fine])]).found
     assert holds(found["scale_factor_error"], 0.0)
     assert abs(found["scale_factor_error"].value) < 1e-4
-    assert found["delay"].value == pytest.approx(0.01, abs=1e-4)
+    assert found["delay"].value == pytest.approx(late / fine / RATE_HZ, abs=1e-4)
