@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
@@ -20,6 +20,13 @@ Fraction = Annotated[float, Field(ge=0, le=1)]
 
 RunVerdict = Literal["good", "failed", "interrupted", "unsafe"]
 PartOutcome = Literal["good", "complete", "lacks", "failed", "unsafe", "unknown"]
+
+
+class Reason(NamedTuple):
+    """Why a run is not good, one line, and what mends that: a command or an act, "" where nobody knows."""
+
+    text: str
+    cure: str = ""
 
 
 class Part(json_file.Strict):
@@ -40,9 +47,13 @@ class Part(json_file.Strict):
         return self.reason.removeprefix(f"{self.outcome} ")
 
     @classmethod
-    def of(cls, reasons: Sequence[str], *, good: PartOutcome = "good", bad: PartOutcome = "failed") -> Self:
-        """`good` where there is no reason against, else `bad` with the reasons in one line."""
-        return cls(outcome=bad if reasons else good, reason="; ".join(reasons))
+    def of(cls, reasons: Sequence[Reason], *, good: PartOutcome = "good", bad: PartOutcome = "failed") -> Self:
+        """`good` where there is no reason against, else `bad` with the reasons in one line, the cause first: what comes
+        next is the cure of the first that has one.
+        """
+        cures = [reason.cure for reason in reasons if reason.cure]
+        told = "; ".join(reason.text for reason in reasons)
+        return cls(outcome=bad if reasons else good, reason=told, next=cures[0] if cures else None)
 
 
 class Percentiles(json_file.Strict):

@@ -1,14 +1,18 @@
-"""What the codes of a record say about the sense chain itself: a channel that is stuck, or saturates before the
-converter does.
+"""What a record says about the sense chain itself: a converter at its end, a channel that is stuck, or one that
+saturates before the converter does.
 
-Both are judged by the noise: a channel whose noise exceeds half a code does not repeat itself for long, and has no
-code that is much more frequent than its neighbours.
+The first is flagged by the board. The others are judged by the noise: a channel whose noise exceeds half a code does
+not repeat itself for long, and has no code that is much more frequent than its neighbours.
 """
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from hil.records.capture import Capture
+from estimator.thresholds import THRESHOLDS
+from hil.numbers import counted
+from hil.records.capture import Capture, RowFlag
 
 _STUCK = 50  # equal codes in a row
 _SHARE = 0.01  # of the samples at one code
@@ -18,30 +22,73 @@ _BESIDE = 5
 _CODES = 1 << 25  # more than any converter has
 
 
-def sense_faults(capture: Capture, noise_V: float) -> list[str]:
-    """One line per fault, nothing for a record without codes or with less noise than half a code."""
-    told = []
-    for axis in "xy"[: capture.axes]:
-        name = f"v{axis}_code"
-        if name not in capture.columns or len(capture) < _STUCK:
-            continue
-        scale = abs(float(capture.header["columns"][name]["scale"]))
+class SenseFault(NamedTuple):
+    """What is wrong, in words, and what to do about it; from when to when, s of bench time; whether it `voids` what is
+    estimated of those samples: no model of the device explains them.
+    """
+
+    text: str
+    cure: str
+    from_s: float
+    until_s: float
+    voids: bool
+
+
+def sense_faults(capture: Capture, noise_V: float) -> list[SenseFault]:
+    """One per fault, the first in time first, as others follow from it; of a record without codes, or with less noise
+    than half a code, only what its board flagged.
+    """
+    if len(capture) < _STUCK:
+        return []
+    axes = [axis for axis in "xy"[: capture.axes] if f"v{axis}_code" in capture.columns]
+    runs, counts, ends = {a: Runs() for a in axes}, {a: Counts() for a in axes}, {a: Counts() for a in axes}
+    flagged, first_s, last_s = 0, 0.0, 0.0
+    for piece in capture.pieces():
+        at = np.flatnonzero(piece.flags & RowFlag.ADC_CLIPPED)
+        if len(at):
+            first_s = first_s if flagged else float(piece.t_s[at[0]])
+            flagged, last_s = flagged + len(at), float(piece.t_s[at[-1]])
+        for axis in axes:
+            codes = np.asarray(piece.columns[f"v{axis}_code"])
+            runs[axis].add(codes)
+            counts[axis].add(codes)
+            if len(at):
+                ends[axis].add(codes[at])
+    told, clipped = [], []
+    if flagged > THRESHOLDS.fitness.clipped_share * len(capture):
+        clipped = [axis for axis in axes if ends[axis].crowded() is not None]
+        where = f" of channel{'s' if len(clipped) > 1 else ''} {' and '.join(clipped)}" if clipped else ""
+        told.append(
+            SenseFault(
+                f"the converter{where} was at its end (flag CLIPPED) in {counted(flagged, 'sample')}, from "
+                f"{first_s:.4g} s to {last_s:.4g} s",
+                "lower [device] amplitude_m, or the gain before the converter, and run again",
+                first_s,
+                last_s,
+                voids=True,
+            )
+        )
+    for axis in axes:
+        scale = abs(float(capture.header["columns"][f"v{axis}_code"]["scale"]))
         if noise_V < 0.5 * scale:
             continue
-        runs, counts = Runs(), Counts()
-        for piece in capture.pieces():
-            codes = np.asarray(piece.columns[name])
-            runs.add(codes)
-            counts.add(codes)
-        start, length = runs.longest
+        start, length = runs[axis].longest
+        from_s, until_s = (float(capture.part(row, row + 1).t_s[0]) for row in (start, start + length - 1))
         if length >= _STUCK:
-            ends = capture.part(start, start + 1).t_s[0], capture.part(start + length - 1, start + length).t_s[0]
             told.append(
-                f"channel {axis} repeated one code for {ends[1] - ends[0]:.4g} s from {ends[0]:.4g} s on: it is stuck"
+                SenseFault(
+                    f"channel {axis} repeated one code for {until_s - from_s:.4g} s from {from_s:.4g} s on: it is "
+                    "stuck",
+                    f"check the amplifier, the converter and the cable of channel {axis}",
+                    from_s,
+                    until_s,
+                    voids=True,
+                )
             )
-        elif (code := counts.crowded()) is not None:
-            told.append(f"channel {axis} went no further than {abs(code) * scale:.3g} V: its amplifier saturates")
-    return told
+        elif axis not in clipped and (code := counts[axis].crowded()) is not None:
+            words = f"channel {axis} went no further than {abs(code) * scale:.3g} V: its amplifier saturates"
+            told.append(SenseFault(words, "", from_s, until_s, voids=False))
+    return sorted(told, key=lambda fault: (not fault.voids, fault.from_s))
 
 
 class Runs:

@@ -14,7 +14,7 @@ from hil.records.result import Holds, Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
 from hil.verdict.machine import held, judge_machine, mishaps, own_setting
-from hil.verdict.model import judge_model
+from hil.verdict.model import faults_of, judge_model
 from hil.verdict.next_step import after_run
 from hil.verdict.residual import cure
 from hil.verdict.safety import judge_safety
@@ -55,14 +55,15 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     too_slow = "HostTooSlow" in outcome.get("failed", ())
     bench_file = shlex.quote(str(folder.bench_path))
     late = lateness_of(folder, result.answers)
+    faults = faults_of(folder, bench)
     latency_ticks = 0 if late is None or folder.capture is None else folder.capture.latency_ticks
     parts = {
         "safety": judge_safety(outcome),
         "machine": judge_machine(
             result, bench, refused, bench_file, stopped if too_slow else "", late=late, latency_ticks=latency_ticks
         ),
-        "model": judge_model(folder, result, bench, ended_early=ended_early),
-        "angle": judge_angle(folder, result, bench),
+        "model": judge_model(folder, result, bench, faults, ended_early=ended_early),
+        "angle": judge_angle(folder, result, bench, faults),
     }
     parts = _doubted(parts, result.link)
     told = [part.reason for part in parts.values() if part.against]
@@ -82,7 +83,9 @@ def judge_again(folder: RunFolder, result: Result) -> Result:
     before = result.parts.get("angle")
     if before is None:
         return result
-    parts = _doubted({**result.parts, "angle": judge_angle(folder, result, load_bench(folder.bench_path))}, result.link)
+    bench = load_bench(folder.bench_path)
+    angle = judge_angle(folder, result, bench, faults_of(folder, bench))
+    parts = _doubted({**result.parts, "angle": angle}, result.link)
     others = [reason for reason in result.reasons if reason != before.reason]
     told = [parts["angle"].reason] if parts["angle"].against else []
     verdict = _verdict(parts, result.verdict == "interrupted")

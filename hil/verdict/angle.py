@@ -1,7 +1,7 @@
 """Whether the reported angle is worth what the bench file asks of it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
 
@@ -12,9 +12,11 @@ from hil.bench.classic import CLASSIC
 from hil.inputs.declared import formula_of
 from hil.numbers import percent, quantity
 from hil.records.estimates import Estimates
-from hil.records.result import Contribution, Part, Result
+from hil.records.result import Contribution, Part, Reason, Result
 from hil.records.runfolder import RunFolder
+from hil.records.sensing import SenseFault
 from hil.verdict.budget import LACKING, UNDECLARED, largest_source
+from hil.verdict.model import innovation_above, trace_command
 from hil.verdict.uncertainty import DAMPING, ESTIMATION
 
 _OPEN_LOOP = (
@@ -27,9 +29,9 @@ _UNTOLD = "the observer gives no uncertainty of its angle (angle_u); hil score w
 _FROM_ELSEWHERE = "no angle to judge: an imported record without control is judged by its model"
 
 
-def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
+def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequence[SenseFault] = ()) -> Part:
     """Share of the scored window at which energy and quadrature were outside their limits, and the expanded uncertainty
-    at its end.
+    at its end, unless something is wrong that it knows nothing of.
 
     A run that was asked for no angle is not judged by it. One of whose angle nobody knows what it is worth has failed
     in that part; so has one whose angle is off by more than it says, where the truth was told.
@@ -43,7 +45,9 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
     scored = estimates.settled(bench.loop.settle_s)
     if not len(scored):
         return Part(outcome="unknown")
-    reasons, after = [], None
+    expanded = result.angle_expanded_rad
+    doubts = [] if expanded is None else _doubts(folder, result, bench, faults, float(scored.part(0, 1).t_s[0]))
+    reasons = [*doubts]
     if estimates.header.get("angle") != "rate":  # the integrated rate needs no slender ellipse
         outside = np.zeros(3)
         for piece in scored.pieces():
@@ -53,24 +57,23 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
             outside += [np.count_nonzero(~mask) for mask in (held & slender, held, slender)]
         invalid, off, oval = (float(share) for share in outside / len(scored))
         if invalid > limits.invalid_fraction:
-            reasons.append(
+            told = (
                 f"the angle was not valid {percent(invalid, 2)} of the time (energy off target {percent(off, 2)}, "
                 f"quadrature too large {percent(oval, 2)}), [limits] invalid_fraction is "
                 f"{percent(limits.invalid_fraction, 2)}"
             )
-    expanded = result.angle_expanded_rad
+            reasons.append(Reason(told))
     error = None if result.score is None else result.score.angle_error_end_rad
     if expanded is not None and (contradicted := _contradicted(result, scored, expanded)):
-        reasons.append(
-            f"the truth contradicts the angle: {contradicted}, and uncertain by {_angle(expanded)} (k = 2) at the end"
-        )
-    if expanded is not None and expanded > limits.angle_rad:
+        told = f"the truth contradicts the angle: {contradicted}, and uncertain by {_angle(expanded)}"
+        reasons.append(Reason(f"{told} (k = 2) at the end"))
+    if expanded is not None and expanded > limits.angle_rad and not doubts:
         largest = result.uncertainty[0]
-        reasons.append(
+        told = (
             f"the angle is uncertain by {_angle(expanded)} (k = 2), [limits] angle_rad is {limits.angle_rad:g}; "
             f"largest source: {largest_source(largest)}"
         )
-        after = remedy(largest, bench).text
+        reasons.append(Reason(told, remedy(largest, bench).text))
     if not reasons and expanded is None and _untold(scored):
         return _by_truth(error, limits.angle_rad)
     if not reasons and expanded is None:
@@ -79,7 +82,19 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench) -> Part:
     if not reasons:
         assert expanded is not None
         return part.model_copy(update={"reason": f"uncertain by {_angle(expanded)} (k = 2) at the end"})
-    return part.model_copy(update={"next": after})
+    return part
+
+
+def _doubts(
+    folder: RunFolder, result: Result, bench: Bench, faults: Sequence[SenseFault], scored_s: float
+) -> list[Reason]:
+    """What the uncertainty of the angle has no row for: a sense chain that failed while it was scored, or a record that
+    the model does not predict, of which the scan could name nothing.
+    """
+    found = [Reason(fault.text, fault.cure) for fault in faults if fault.voids and fault.until_s >= scored_s]
+    if not found and not (result.scan and result.scan.lacks) and (told := innovation_above(result, bench)):
+        found = [Reason(told, trace_command(folder))]
+    return [Reason(f"its uncertainty does not hold: {reason.text}", reason.cure) for reason in found]
 
 
 def _contradicted(result: Result, scored: Estimates, expanded_rad: float) -> str:
@@ -121,7 +136,7 @@ def _by_truth(error_rad: float | None, limit_rad: float) -> Part:
         return Part(outcome="unknown", reason=_UNTOLD)
     told = f"off by {_angle(error_rad)} at the end, by the truth; the observer gives no uncertainty of it"
     if error_rad > limit_rad:
-        return Part.of([f"the angle is {told}, [limits] angle_rad is {limit_rad:g}"])
+        return Part.of([Reason(f"the angle is {told}, [limits] angle_rad is {limit_rad:g}")])
     return Part.of([]).model_copy(update={"reason": told})
 
 

@@ -113,6 +113,8 @@ def mishaps(result: Result, counters: Mapping[str, int]) -> list[str]:
         share = percent(answers.lost_to_host / answers.ticks, 2)
         lost = _were(answers.lost_to_host, f" ({share})")
         told.append(f"{lost} lost on the way; the observer predicted over the gaps")
+    if clipped := counters.get("clipped", 0):
+        told.append(f"the sense converter was at its end in {counted(clipped, 'sample')} (flag CLIPPED)")
     damaged = counters.get("frames_damaged", 0), counters.get("board_bad_frames", 0)
     if any(damaged):
         told.append(

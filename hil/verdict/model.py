@@ -1,23 +1,30 @@
 """Whether the model accounts for the record."""
 
 import shlex
+from collections.abc import Sequence
 
 from hil.bench import Bench
 from hil.inputs.swing import swing_slip
-from hil.records.result import Part, Result
+from hil.records.result import Part, Reason, Result
 from hil.records.runfolder import RunFolder
-from hil.records.sensing import sense_faults
+from hil.records.sensing import SenseFault, sense_faults
 
 _QUIET = 0.1
 
 
-def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early: bool = False) -> Part:
-    """The closing scan's answer, the innovation beside its floor, and what the codes say of the sense chain.
+def faults_of(folder: RunFolder, bench: Bench) -> list[SenseFault]:
+    """What the record of a run says of its sense chain."""
+    return [] if folder.capture is None else sense_faults(folder.capture, bench.device.sense.noise_V)
+
+
+def judge_model(
+    folder: RunFolder, result: Result, bench: Bench, faults: Sequence[SenseFault] = (), *, ended_early: bool = False
+) -> Part:
+    """What is wrong with the sense chain, the closing scan's answer, and the innovation beside its floor.
 
     A run that did not end early and was over before anything was scored has failed.
     """
-    limits, scan, reasons = bench.limits, result.scan, []
-    innovation, settle_s = folder.innovation, bench.loop.settle_s
+    scan, innovation, settle_s = result.scan, folder.innovation, bench.loop.settle_s
     scored = innovation is not None and len(innovation) > 0 and len(innovation.settled(settle_s)) > 0
     if innovation is not None and not scored and not ended_early:
         return Part(
@@ -25,27 +32,27 @@ def judge_model(folder: RunFolder, result: Result, bench: Bench, *, ended_early:
             reason=f"nothing was scored: the record ends before [loop] settle_s = {settle_s:g} s; record for longer, "
             "or lower it",
         )
-    if scan is not None and scan.complete is False:
-        reasons.append(scan.reason)
-    if (ratio := result.residual_ratio) is not None:
-        if ratio > limits.innovation_ratio:
-            reasons.append(
-                f"innovation {ratio:.3g} × the noise floor, [limits] innovation_ratio is "
-                f"{limits.innovation_ratio:g}: the model lacks something"
-            )
-    elif scored:
-        reasons.append("the innovation is not finite: the observer diverged; check the signs and gains in [device]")
+    reasons = [Reason(scan.reason, trace_command(folder))] if scan is not None and scan.complete is False else []
+    if told := innovation_above(result, bench):
+        reasons.append(Reason(f"{told}: the model lacks something"))
+    elif scored and result.residual_ratio is None:
+        told = "the innovation is not finite: the observer diverged; check the signs and gains in [device]"
+        reasons.append(Reason(told))
     if folder.capture is not None and (reasons or _silent(result)) and (told := swing_slip(folder.capture, bench)):
         # The rest follows from it.
         return Part(outcome="lacks", reason=told, next=told.rpartition("; ")[2])
-    if folder.capture is not None:
-        reasons += sense_faults(folder.capture, bench.device.sense.noise_V)
+    reasons = [*(Reason(fault.text, fault.cure) for fault in faults), *reasons]
     if not reasons and scan is not None:
         return Part(outcome="unknown" if scan.complete is None else "complete", reason=scan.reason)
-    part = Part.of(reasons, good="complete", bad="lacks")
-    if scan is not None and scan.complete is False:
-        return part.model_copy(update={"next": trace_command(folder)})
-    return part
+    return Part.of(reasons, good="complete", bad="lacks")
+
+
+def innovation_above(result: Result, bench: Bench) -> str:
+    """By how much the innovation is above its limit; "" where it is not, or is not known."""
+    ratio, limit = result.residual_ratio, bench.limits.innovation_ratio
+    if ratio is None or not ratio > limit:
+        return ""
+    return f"innovation {ratio:.3g} × the noise floor, [limits] innovation_ratio is {limit:g}"
 
 
 def _silent(result: Result) -> bool:

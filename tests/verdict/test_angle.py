@@ -10,8 +10,9 @@ from hil.bench import Bench
 from hil.numbers import quantity
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
-from hil.records.result import Contribution, Part, Result, Score
+from hil.records.result import Contribution, Lacking, Part, Result, Scan, Score
 from hil.records.runfolder import RunFolder
+from hil.records.sensing import SenseFault
 from hil.verdict.angle import judge_angle, remedy
 from tests.running import gyro
 from tests.verdict.gyro_estimates import SETTLE_S, estimates
@@ -32,6 +33,9 @@ def judged(
     score: Score | None = None,
     rms: float | None = None,
     controlled: bool = True,
+    faults: tuple[SenseFault, ...] = (),
+    ratio: float = 1.0,
+    scan: Scan | None = None,
     **limits: float,
 ) -> Part:
     folder = RunFolder(Path("nowhere"))
@@ -46,8 +50,47 @@ def judged(
         uncertainty=rows,
         score=score,
         angle_error_rms_rad=rms,
+        innovation_rms=ratio * 1e-4,
+        noise_floor=1e-4,
+        scan=scan,
     )
-    return judge_angle(folder, result, bench(controlled=controlled, **limits))
+    return judge_angle(folder, result, bench(controlled=controlled, **limits), faults)
+
+
+STUCK = SenseFault("channel x repeated one code", "check the cable", from_s=1.0, until_s=2.5, voids=True)
+
+
+@pytest.mark.parametrize(
+    ("fault", "outcome"),
+    [(STUCK, "failed"), (STUCK._replace(until_s=1.9), "good"), (STUCK._replace(voids=False), "good")],
+)
+def test_a_channel_that_fails_in_the_scored_window_fails_the_angle(fault: SenseFault, outcome: str) -> None:
+    part = judged(estimates(), faults=(fault,))
+    assert part.outcome == outcome
+    if outcome == "failed":
+        assert part.reason == "its uncertainty does not hold: channel x repeated one code"
+        assert part.next == "check the cable"
+
+
+def test_an_uncertainty_that_does_not_hold_has_no_largest_source() -> None:
+    part = judged(estimates(), 3.0, faults=(STUCK,))
+    assert "largest source" not in part.reason
+    assert part.next == "check the cable"
+
+
+def scan(*lacks: Lacking) -> Scan:
+    return Scan(complete=False, reason="something is missing", lacks=lacks, samples=9, span_s=1.0, seconds=0.1)
+
+
+def test_an_uncertainty_of_a_model_that_does_not_predict_the_record_does_not_hold() -> None:
+    """[limits] innovation_ratio is 1.5; what the scan could name is a row of the budget."""
+    named = Lacking(effect="drive_gain", coefficients={}, angle_rad=0.01, angle_ci95=(0.0, 0.02))
+    assert judged(estimates(), ratio=1.4, scan=scan()).outcome == "good"
+    assert judged(estimates(), ratio=2.2, scan=scan(named)).outcome == "good"
+    for unexplained in (scan(), None):
+        part = judged(estimates(), ratio=2.2, scan=unexplained)
+        assert part.outcome == "failed"
+        assert part.reason.startswith("its uncertainty does not hold: innovation 2.2 × the noise floor")
 
 
 def odd(usual: float, value: float, rows: int) -> np.ndarray:

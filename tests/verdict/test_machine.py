@@ -134,6 +134,8 @@ def test_mishaps_speak_of_the_same_count() -> None:
     assert told[1] == "damaged frames were dropped, 1 by the host and 0 by the board"
     assert told[2].endswith("2 times and was armed again; 7 samples were not taken meanwhile")
     assert "99" not in " ".join(told)
+    (clipped,) = mishaps(result(), {"clipped": 1})
+    assert clipped == "the sense converter was at its end in 1 sample (flag CLIPPED)"
 
 
 def test_of_one_nothing_is_told_in_the_plural() -> None:

@@ -10,7 +10,7 @@ from hil.records.capture import Capture
 from hil.records.estimates import Innovation
 from hil.records.result import Result, Scan
 from hil.records.runfolder import RunFolder
-from hil.verdict.model import judge_model
+from hil.verdict.model import faults_of, judge_model
 from tests.running import gyro
 
 
@@ -98,9 +98,12 @@ def test_a_sense_chain_that_is_stuck_is_held_against_the_model(tmp_path: Path) -
     assert judge_model(folder(tmp_path), result(True), sound).outcome == "complete"
     codes = np.rint(20.0 * np.random.default_rng(1).standard_normal(2000)).astype(np.int32)
     codes[500:700] = 7
-    part = judge_model(folder(tmp_path, codes=codes), result(True), sound)
+    stuck = folder(tmp_path, codes=codes)
+    part = judge_model(stuck, result(False), sound, faults=faults_of(stuck, sound))
     assert part.outcome == "lacks"
-    assert "it is stuck" in part.reason
+    assert part.reason.startswith("channel x repeated one code")  # the cause first: the rest follows from it
+    assert part.reason.endswith("; as the scan says")
+    assert part.next == "check the amplifier, the converter and the cable of channel x"
 
 
 def test_without_a_scan_the_innovation_alone_judges(tmp_path: Path) -> None:
