@@ -1,5 +1,6 @@
 """The pytest plugin: light where nobody asks for a board, the same tests on every link, skips that say why."""
 
+import re
 import subprocess
 import sys
 import tomllib
@@ -162,3 +163,32 @@ def test_a_fault_of_the_bench_is_no_verdict_on_a_board(pytester: pytest.Pytester
             board.endpoint
     """
     assert run(pytester, text).ret == code
+
+
+@pytest.mark.long
+def test_a_failure_is_one_line_and_says_where_its_record_is(pytester: pytest.Pytester) -> None:
+    pytester.makefile(".csv", ride="a,b\n1,2\n2,3\n")
+    text = """
+        def test_of_a_verdict(board):
+            run = board.run(duration_s=0.3)
+            assert run.result.verdict == "unsafe"
+
+        def test_of_an_option(board):
+            board.run(gain=3)
+
+        def test_of_a_map(record):
+            raise AssertionError
+        """
+    given = ("--hil-bench", "s-slow", "--hil-link", "inproc:s-slow", "--hil-record", "ride.csv", "--junit-xml", "j.xml")
+    result = run(pytester, text, *given)
+    result.assert_outcomes(failed=2, errors=1)
+    said = result.stdout.str()
+    (folder,) = re.findall(r"^folder: (.+)$", said, re.MULTILINE)
+    assert f"report: {folder}/report.html" in said
+    assert f"shown by: hil show {folder}" in said
+    assert Path(folder, "result.json").exists()
+    assert f'<property name="hil folder" value="{folder}"' in (pytester.path / "j.xml").read_text()
+    assert re.search(r"^\S+\.py:6: the test: \[loop\] gain: unknown key", said, re.MULTILINE)
+    assert "others need --hil-map" in said
+    assert "During handling" not in said
+    assert "/hil/" not in said

@@ -51,7 +51,7 @@ def takes(options: type) -> Callable[[Callable[_Given, _Answer]], Callable[_Give
 
 
 _COMMAND = r"\bhil [a-z]+ [^;,)`]*"  # stays as it is: it is for a terminal
-_OPTION = re.compile(rf"{_COMMAND}|(?<!\S)--(?P<name>[a-z][A-Za-z0-9]*(?:-[A-Za-z0-9]+)*)\b(?P<place>(?=:))?")
+OPTION = re.compile(rf"{_COMMAND}|(?<!\S)--(?P<name>[a-z][A-Za-z0-9]*(?:-[A-Za-z0-9]+)*)\b(?P<place>(?=:))?")
 
 
 def said_of_arguments(function: Callable[_Given, _Answer]) -> Callable[_Given, _Answer]:
@@ -81,7 +81,7 @@ def in_arguments_of(function: Callable[..., Any]) -> Iterator[None]:
         if (told := told_to_user(error)) is None:
             raise
         known = tuple(inspect.signature(function).parameters)
-        raise InputError(_OPTION.sub(lambda found: _argument(found, known), told), typed=told) from None
+        raise InputError(OPTION.sub(lambda found: _argument(found, known), told), typed=told) from None
 
 
 def renamed(**names: str) -> Callable[[Callable[_Given, _Answer]], Callable[_Given, _Answer]]:

@@ -50,10 +50,12 @@ class BoardUnderTest:
     Attributes:
         bench, link: as given to the session.
         emulated: whether the link starts its own board.
+        made: folders of its runs and traces, in order.
     """
 
     def __init__(self, bench: Bench, link: str, runs: Path, *, may_arm: bool, clock: str | None = None) -> None:
         self.bench, self.link, self.emulated = bench, link, is_emulated(link)
+        self.made: list[Path] = []
         self._runs, self._may_arm, self._clock = runs, may_arm, clock
         self._open = ExitStack()
         self._conversation: tuple[Endpoint, Identity] | None = None
@@ -134,6 +136,7 @@ class BoardUnderTest:
         done = run(request, self._runs, progress=untold)
         if done.folder is None:
             raise InputError(f"{self.link}: nothing was recorded")
+        self.made.append(done.folder)
         folder = RunFolder(done.folder)
         result = folder.result if truth_file is None else score(done.folder, truth_file)
         if result is None:
@@ -143,7 +146,9 @@ class BoardUnderTest:
     @takes(TraceOptions)
     def trace(self, run: Run, **options: Unpack[TraceOptions]) -> Trace:
         """What the model lacks on the record of a run, as `hil.trace`."""
-        return trace(run.folder.path, self.bench, out=self._runs, progress=untold, **options)
+        done = trace(run.folder.path, self.bench, out=self._runs, progress=untold, **options)
+        self.made.append(done.path)
+        return done
 
     def close(self) -> None:
         """SAFE if it was armed, and let go of the link; the next use connects anew."""
@@ -183,11 +188,12 @@ class RecordUnderTest:
     Attributes:
         path: the capture.
         bench: the bench file by which it is replayed and traced, None for that of its run.
+        made: folders of what was replayed and traced, in order.
     """
 
     def __init__(self, place: Path, bench: Path | None, aside: Path, **options: Unpack[ImportOptions]) -> None:
         """What is made of it lies below `aside`.  Raises InputError where it cannot be read."""
-        self.bench = bench
+        self.bench, self.made = bench, list[Path]()
         self._aside = aside
         place = named(place)
         if place.is_dir():
@@ -204,24 +210,31 @@ class RecordUnderTest:
     @takes(ReplayOptions)
     def replay(self, **options: Unpack[ReplayOptions]) -> hil.Run:
         """As `hil.replay`."""
-        return hil.replay(self.path, self.bench, out=self._aside / "runs", progress=untold, **options)
+        done = hil.replay(self.path, self.bench, out=self._aside / "runs", progress=untold, **options)
+        self.made.append(done.path)
+        return done
 
     @takes(TraceOptions)
     def trace(self, **options: Unpack[TraceOptions]) -> hil.Trace:
         """As `hil.trace`."""
-        return hil.trace(self.path, self.bench, out=self._aside / "runs", progress=untold, **options)
+        done = hil.trace(self.path, self.bench, out=self._aside / "runs", progress=untold, **options)
+        self.made.append(done.path)
+        return done
 
 
 class SensorUnderTest:
-    """The sensor at a link `NAME:PATH[?baud=N]`, NAME being that of an adapter; `adapter` decodes its stream."""
+    """The sensor at a link `NAME:PATH[?baud=N]`, NAME being that of an adapter; `adapter` decodes its stream,
+    `made` has the folders of its recordings."""
 
     def __init__(self, link: str, runs: Path) -> None:
         """Recordings are made below `runs`.  Raises InputError where there is no such adapter."""
-        self.link = link
+        self.link, self.made = link, list[Path]()
         self.adapter = find_port(link).adapter
         self._runs = runs
 
     @takes(RecordOptions)
     def record(self, **options: Unpack[RecordOptions]) -> hil.Run:
         """As `hil.record`."""
-        return hil.record(self.link, out=self._runs, progress=untold, **options)
+        done = hil.record(self.link, out=self._runs, progress=untold, **options)
+        self.made.append(done.path)
+        return done
