@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from hil.bench import Bench
     from hil.testing.board import BoardUnderTest, RecordUnderTest, SensorUnderTest
 
+pytest.register_assert_rewrite("hil.testing.board_rules")  # or an assertion there says nothing
+
 _FAULT = pytest.StashKey[bool]()
 _USED = pytest.StashKey[list["BoardUnderTest | RecordUnderTest | SensorUnderTest"]]()
 _BOARD = "hil.testing.board"

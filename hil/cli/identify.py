@@ -118,6 +118,8 @@ def _accept(link: str | None, runs: Path, *, arm: bool, as_json: bool) -> NoRetu
     if as_json:
         print_json(answers.as_json())
     else:
+        if answers.alarm:
+            print(printable(f"UNSAFE: {answers.alarm}"))
         for rule, why in answers.broken.items():
             print(printable(f"not kept   {rule}: {why}"))
         for rule, why in answers.untried.items():

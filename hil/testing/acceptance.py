@@ -3,10 +3,14 @@
 The rules are the tests that the bench's own boards keep (`hil.testing.board_rules`).
 """
 
+import ast
 import os
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
+from textwrap import dedent
 from typing import Any
 
 from hil.boards.emulation import served
@@ -15,29 +19,42 @@ from hil.progress import Progress, Watcher
 from hil.records.atomic import make_run_folder, write_text
 from hil.report import markup
 from hil.report.verdict import Headline
+from hil.running.safety.latching import CUT_THE_SUPPLY
 
 WORDS = "drives of single ticks, up to the largest code of its converters; stops, restarts and damaged frames"
 """What it brings a board, for the one who has to consent."""
 _LONG = 300
+LINK = "HIL_ACCEPTLINK"
+"""Read by `hil.testing.board_rules.asked`, which pytest has to be the first to import."""
 
 
 @dataclass
 class Accepted:
-    """By rule: those that are kept; those that are not, and how; those that could not be asked, and why."""
+    """By rule: those that are kept; those that are not, and how; those that could not be asked, and why.
+
+    unsafe: how the board did not go to SAFE, "" if it always did. No rule was asked after that.
+    """
 
     kept: list[str] = field(default_factory=list)
     broken: dict[str, str] = field(default_factory=dict)
     untried: dict[str, str] = field(default_factory=dict)
+    unsafe: str = ""
     folder: Path | None = None
+
+    @property
+    def alarm(self) -> str:
+        """What to do first about a board that may still be driven, else nothing."""
+        return f"{CUT_THE_SUPPLY}; {self.unsafe}" if self.unsafe else ""
 
     @property
     def good(self) -> bool:
         """Whether there was something to keep, and all of it was kept."""
-        return bool(self.kept) and not self.broken
+        return bool(self.kept) and not (self.broken or self.unsafe)
 
     def as_json(self) -> dict[str, Any]:
         """The same in JSON values."""
-        return {"kept": self.kept, "broken": self.broken, "untried": self.untried, "folder": str(self.folder)}
+        rules = {"kept": self.kept, "broken": self.broken, "untried": self.untried}
+        return {"unsafe": self.unsafe or None, **rules, "folder": str(self.folder)}
 
 
 def accept(link: str, out: Path, progress: Watcher) -> Accepted:
@@ -50,7 +67,6 @@ def accept(link: str, out: Path, progress: Watcher) -> Accepted:
     except ImportError:
         raise InputError("--accept: the rules are pytest tests; pip install pytest") from None
     from hil.boards.identity import identity_at
-    from hil.testing.board_rules.asked import LINK
 
     identity = identity_at(link)
     answers = Accepted(folder=make_run_folder(out, "accept"))
@@ -74,6 +90,27 @@ class _Collector:
     def __init__(self, answers: Accepted, told: Callable[[int, int, str], None]) -> None:
         self._answers, self._told = answers, told
         self._total = self._done = 0
+        self._came = ""
+        self._why: dict[str, str] = {}
+
+    def pytest_configure(self) -> None:
+        import pytest
+
+        pytest.register_assert_rewrite("hil.testing.board_rules")  # or an assertion says nothing
+
+    def pytest_assertrepr_compare(self, op: str, left: Any, right: Any) -> None:
+        self._came = f"{op} {_told(right)}, came {_told(left)}"
+
+    def pytest_runtest_makereport(self, item: Any, call: Any) -> None:
+        from hil.testing.board_rules.served import NotSafe
+
+        if call.excinfo is None:
+            return
+        self._why[item.nodeid] = _sentence(call.excinfo, self._came)
+        self._came = ""
+        if isinstance(call.excinfo.value, NotSafe):
+            self._answers.unsafe = str(call.excinfo.value)
+            item.session.shouldstop = self._answers.unsafe
 
     def pytest_collection_finish(self, session: Any) -> None:
         self._total = len(session.items)
@@ -83,9 +120,9 @@ class _Collector:
         if report.skipped:
             self._answers.untried[rule] = str(report.longrepr[2] if report.longrepr else "").removeprefix("Skipped: ")
         elif report.failed:
-            crash = getattr(report.longrepr, "reprcrash", None)
-            words = " ".join(str(report.longrepr if crash is None else crash.message).split())
-            self._answers.broken[rule] = words[:_LONG]
+            words = self._why.get(report.nodeid) or str(report.longrepr)
+            self._answers.broken.setdefault(rule, " ".join(words.split())[:_LONG])
+            self._answers.kept = [kept for kept in self._answers.kept if kept != rule]  # it fails when it is left
         elif report.when == "call":
             self._answers.kept.append(rule)
         if report.when == "teardown":
@@ -93,9 +130,46 @@ class _Collector:
             self._told(self._done, self._total, rule)
 
 
+def _told(value: Any) -> str:
+    """A value as a sentence has it: messages and enumerations by their names."""
+    if isinstance(value, Enum):
+        return value.name
+    if type(value) in (tuple, list):
+        return f"({', '.join(map(_told, value))})"
+    return "none" if value is None else repr(value)
+
+
+def _sentence(excinfo: Any, compared: str) -> str:
+    """What was expected and what came; compared: what pytest says of a comparison that does not hold."""
+    from hil.wire.client import Refused
+    from hil.wire.errors import LinkError
+
+    error, text = excinfo.value, str(excinfo.value)
+    if text.startswith("expected"):
+        return text.partition("\nassert ")[0]
+    if isinstance(error, Refused):
+        return f"expected no refusal, came: {text}"
+    if isinstance(error, LinkError):
+        return f"expected an answer, came none: {text}"
+    if found := re.match(r"DID NOT RAISE <class '.*?(\w+)'>", text):
+        return f"expected {found[1]}, came no error"
+    source = " ".join(str(excinfo.traceback[-1].statement).split())
+    if not isinstance(error, AssertionError):
+        return f"expected {source}, came {type(error).__name__}: {text}"
+    try:
+        (statement,) = ast.parse(dedent(str(excinfo.traceback[-1].statement))).body
+    except SyntaxError:
+        return f"expected {source}, came something else"
+    tested = statement.test if isinstance(statement, ast.Assert) else statement
+    if compared and isinstance(tested, ast.Compare) and len(tested.ops) == 1:
+        return f"expected {ast.unparse(tested.left)} {compared}"
+    found = re.search(r"where False = isinstance\((.*), [^,]*\)$", text, re.MULTILINE)
+    return f"expected {ast.unparse(tested)}, came {found[1] if found else 'False'}"
+
+
 def _page(answers: Accepted, link: str, board: str, firmware: str) -> str:
     kept, broken = len(answers.kept), len(answers.broken)
-    word = "Kept" if answers.good else "Not kept"
+    word = "Unsafe" if answers.unsafe else "Kept" if answers.good else "Not kept"
     sentence = f"{kept} rules are kept" if answers.good else f"{broken} of {kept + broken} rules are not kept"
     sections = [
         markup.section("broken", "Not kept", _table(answers.broken, "what was seen")),
@@ -107,6 +181,7 @@ def _page(answers: Accepted, link: str, board: str, firmware: str) -> str:
         title=link,
         line=Headline("good" if answers.good else "bad", word, sentence),
         key="",
+        alarm=answers.alarm[:1].upper() + answers.alarm[1:],
         sections="".join(sections),
         facts=(f"board {board}", f"firmware {firmware}", "docs/wire.md, docs/safety.md"),
     )

@@ -1,5 +1,7 @@
 """`hil identify --accept`: the rules of the wire asked of a board; the one that is not kept is named."""
 
+import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +13,7 @@ from device_emulator.registers import Refused
 from hil.boards.emulation import located
 from hil.progress import untold
 from hil.testing.acceptance import Accepted, accept
-from hil.wire.messages import Arm, Capabilities, Identity, LoopMode, Message, NackReason, RegisterWrite
+from hil.wire.messages import Arm, Capabilities, Identity, LoopMode, Message, NackReason, RegisterWrite, Safe, State
 from hil.wire.spec import SPEC
 
 pytestmark = pytest.mark.slow
@@ -45,6 +47,30 @@ def test_a_rule_that_is_not_kept_is_named(tmp_path: Path, monkeypatch: pytest.Mo
     assert not answers.good
     assert any("latches until hello" in rule for rule in answers.broken)
     assert len(answers.broken) < 20
+    assert all(re.match("expected .+, came .+", why) for why in answers.broken.values())
+    assert "expected refusal(host, Arm()) is LATCHED, came none" in answers.broken.values()
+
+
+def says_safe(board: Board, safe: Safe) -> list[Message]:
+    return [board.status()._replace(state=State.SAFE, reason=safe.reason)]
+
+
+@pytest.mark.parametrize(
+    ("answer", "came"),
+    [(says_safe, "RUNNING: it says SAFE and stays driven"), (lambda *_: [], "no answer to SAFE within 5 s")],
+)
+def test_a_board_that_does_not_go_safe_ends_it_at_once(
+    answer: Callable[[Board, Safe], list[Message]], came: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Board, "_safe", answer)
+    answers = asked(tmp_path)
+    assert not answers.good
+    assert came in answers.unsafe
+    assert answers.as_json()["unsafe"] == answers.unsafe
+    assert len(answers.broken) == 1
+    assert answers.alarm.startswith("cut the supply of the board; expected ")
+    assert answers.folder is not None
+    assert "</strong> Cut the supply of the board; " in (answers.folder / "accept.html").read_text(encoding="utf-8")
 
 
 def test_rules_of_a_loop_mode_that_the_board_lacks_are_not_asked(

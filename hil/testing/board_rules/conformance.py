@@ -19,6 +19,7 @@ from hil.testing.board_rules.served import (
     answers,
     drive,
     leave,
+    require_safe,
     samples,
     set_loop_mode,
     set_running,
@@ -90,7 +91,7 @@ class Conformance(Rules):
         """A host that has said HELLO to a board in SAFE."""
         host = Endpoint(cable)
         client.connect(host, PATIENCE_S)
-        status_of(host)
+        require_safe(host)
         yield host
         cable.outgoing = cable.incoming = list
         with contextlib.suppress(LinkClosed):

@@ -71,7 +71,7 @@ def hear(host: Endpoint, enough: Callable[[list[Received]], bool]) -> list[Recei
     heard: list[Received] = []
     until = time.monotonic() + PATIENCE_S
     while not enough(heard):
-        assert time.monotonic() < until, f"silence after {heard}"
+        assert time.monotonic() < until, f"expected an answer, came {said(heard) or 'none'}"
         heard += host.poll(0.02)
     return heard
 
@@ -123,7 +123,8 @@ def status(host: Endpoint, message: Message) -> tuple[int, int]:
     """State and reason in the STATUS that answers."""
     answer = ask(host, message)
     assert isinstance(answer, Status)
-    return answer.state, answer.reason
+    state = next((known for known in State if known == answer.state), answer.state)
+    return state, next((known for known in SafeReason if known == answer.reason), answer.reason)
 
 
 def step(host: Endpoint, message: Message, block: int = 1) -> list[Received]:

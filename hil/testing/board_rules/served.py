@@ -9,9 +9,23 @@ import pytest
 
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
+from hil.wire.errors import LinkClosed, WireError
 from hil.wire.link import Link
 from hil.wire.links import open_link
-from hil.wire.messages import Capabilities, ClockMode, Identity, LoopMode, SafeReason, State, Status
+from hil.wire.messages import (
+    Capabilities,
+    ClockMode,
+    DriveBoard,
+    DriveForce,
+    DriveGains,
+    Identity,
+    LoopMode,
+    Message,
+    NackReason,
+    SafeReason,
+    State,
+    Status,
+)
 from hil.wire.sense import SenseRow
 from hil.wire.spec import SPEC, Register
 
@@ -84,6 +98,41 @@ def answers(host: Endpoint, count: int, wait_s: float = PATIENCE_S) -> list[Any]
     return found
 
 
+class NotSafe(Exception):
+    """The board cannot be brought to SAFE, or takes a drive there: what was expected and what came."""
+
+
+def require_safe(host: Endpoint) -> None:
+    """Bring the board to SAFE, and see that it takes no drive there: one of zero, of the loop mode that is set.
+
+    Raises NotSafe; LinkClosed where the board hung up.
+    """
+    drives: dict[LoopMode, Message] = {
+        LoopMode.FORCE: DriveForce(0, 0, host.rx.tick + 1 & 0xFFFFFFFF),
+        LoopMode.GAIN: DriveGains(1, (0.0,) * 8, (0.0, 0.0), host.rx.tick + 1 & 0xFFFFFFFF),
+        LoopMode.BOARD: DriveBoard(0),
+    }
+    try:
+        status_of(host)
+        mode = LoopMode(int(client.read_register(host, "LOOP_MODE", PATIENCE_S)))
+    except LinkClosed:
+        raise
+    except WireError as error:
+        raise NotSafe(f"expected SAFE, came: {error}") from None
+    try:
+        client.request(host, drives[mode], Status, PATIENCE_S, lambda told: told.state == State.RUNNING)
+        came = "RUNNING"
+    except client.Refused as refused:
+        if refused.reason == NackReason.BAD_STATE:
+            return
+        came = str(refused)
+    except LinkClosed:
+        raise
+    except WireError:
+        came = "no refusal"
+    raise NotSafe(f"expected that it refuses a drive in SAFE, came {came}: it says SAFE and stays driven")
+
+
 def status_of(host: Endpoint) -> Status:
     """The board's counters, by way of SAFE for the reason that does not latch: a board in SAFE it leaves as it is."""
     return client.make_safe(host, SafeReason.LINK_LOST, PATIENCE_S)
@@ -108,7 +157,7 @@ def set_loop_mode(host: Endpoint, mode: LoopMode) -> None:
 
 def leave(host: Endpoint) -> None:
     """Part with a board so that it is there for the next host: one in lockstep may end with this one."""
-    status_of(host)
+    require_safe(host)
     if Capabilities.PACED in Capabilities(client.connect(host, PATIENCE_S).capabilities):
         client.write_register(host, "CLOCK_MODE", ClockMode.PACED, PATIENCE_S)
 
@@ -117,7 +166,7 @@ def samples(host: Endpoint) -> list[SenseRow]:
     """The next samples, however many."""
     until = time.monotonic() + PATIENCE_S
     while not (rows := host.receive_rows(0.5)):
-        assert time.monotonic() < until, "no sample came"
+        assert time.monotonic() < until, "expected a sample, came none"
     return rows
 
 
@@ -129,7 +178,7 @@ def drive(host: Endpoint, identity: Identity, rows: int) -> None:
     checked = 0
     while seen < rows:
         for tick, _, _, ux, uy, _ in samples(host):
-            assert expected in (None, tick), "a sample out of order"
+            assert expected in (None, tick), f"expected sample {expected}, came {tick}"
             expected = tick + 1
             seen += 1
             if tick - 1 in sent:
@@ -152,4 +201,4 @@ def set_running(host: Endpoint) -> int:
         heard = [item.message for item in host.poll(0.02)]
         if any(isinstance(message, Status) and message.state == State.RUNNING for message in heard):
             return tick
-    raise AssertionError("no drive made the board run")
+    raise AssertionError("expected RUNNING after a drive in time, came no such STATUS")
