@@ -24,7 +24,7 @@ from hil.running.safety.latching import CUT_THE_SUPPLY
 WORDS = "drives of single ticks, up to the largest code of its converters; stops, restarts and damaged frames"
 """What it brings a board, for the one who has to consent."""
 _LONG = 300
-LINK = "HIL_ACCEPTLINK"
+_LINK = "HIL_ACCEPT_LINK"
 """Read by `hil.testing.board_rules.asked`, which pytest has to be the first to import."""
 
 
@@ -73,7 +73,7 @@ def accept(link: str, out: Path, progress: Watcher) -> Accepted:
     collector = _Collector(answers, lambda done, total, name: progress(Progress("accept", done, total, note=name)))
     place = Path(__file__).with_name("board_rules") / "asked.py"
     with served(link) as board, pytest.MonkeyPatch.context() as environment:
-        environment.setenv(LINK, board.url)
+        environment.setenv(_LINK, board.url)
         environment.setenv("PYTEST_ADDOPTS", "")
         options = ["-p", "no:terminal", "-p", "no:cacheprovider", "-c", os.devnull, "--rootdir", str(place.parent)]
         pytest.main([str(place), *options, "-W", "ignore"], plugins=[collector])

@@ -2,9 +2,10 @@
 
 import os
 
-from hil.testing.acceptance import LINK
 from hil.testing.board_rules.conformance import Conformance
 from hil.testing.board_rules.served import Board
+
+LINK = "HIL_ACCEPT_LINK"
 
 
 class TestBoard(Conformance):
