@@ -2,6 +2,7 @@
 
 import ctypes
 import errno
+import shutil
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -142,6 +143,27 @@ def test_only_the_effects_declared_are_written(tmp_path: Path) -> None:
     assert "case 0: { /* " not in plain
     assert cubic.count("case 0: { /* cubic_stiffness */") == 1
     assert "case 1: {" not in cubic
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("arm-none-eabi-gcc") is None, reason="arm-none-eabi-gcc is missing")
+def test_make_object_is_of_the_compiler_and_the_flags_that_are_given(tmp_path: Path) -> None:
+    hil.generate("s-slow", out=tmp_path)
+    made = tmp_path / "gyro_estimator.o"
+
+    def machine(*given: str) -> int:
+        subprocess.run(["make", "-C", tmp_path, *given, "object"], check=True, capture_output=True)
+        return int.from_bytes(made.read_bytes()[18:20], "little")
+
+    host, arm = machine("CFLAGS=-O0"), 40  # EM_ARM
+    assert host != arm
+    assert machine("CC=arm-none-eabi-gcc", "CFLAGS=-O0 -mcpu=cortex-m7 -mthumb") == arm
+    at = made.stat().st_mtime_ns
+    assert machine("CC=arm-none-eabi-gcc", "CFLAGS=-O0 -mcpu=cortex-m7 -mthumb") == arm
+    assert made.stat().st_mtime_ns == at, "compiled without need"
+    assert machine("CC=arm-none-eabi-gcc", "CFLAGS=-O1 -mcpu=cortex-m7 -mthumb") == arm
+    assert made.stat().st_mtime_ns > at
+    assert machine("CFLAGS=-O0") == host
 
 
 def test_a_header_of_another_version_is_told_in_one_line(tmp_path: Path) -> None:
