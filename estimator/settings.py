@@ -117,6 +117,7 @@ class ObserverSettings:
     initial values of its coefficients in SI (0 where not given); they are estimated with the rest.
 
     open_loop: nothing makes an ideal oscillator of the device, so that the angle is the integrated rate.
+    by_loops: the run's angle is by the classic loops, to which a damping between the axes is a rate.
     reference: time [s] from which on the angle's uncertainty counts; what it was there is zero by definition.
 
     A stationary gain takes over from an EKF with fading memory one memory after `acquisition` [s]: it corrects by a
@@ -133,6 +134,7 @@ class ObserverSettings:
     effects: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     reference: float = 0.0
     open_loop: bool = False
+    by_loops: bool = False
 
     def __post_init__(self) -> None:
         if self.memory <= 0.0:

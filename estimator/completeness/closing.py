@@ -20,11 +20,12 @@ from estimator.effects.labels import kind, searched_by
 from estimator.effects.search import Search
 from estimator.errors import ModelError
 from estimator.scaling import Array
-from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings
+from estimator.settings import ControllerSettings, Device, Gain, ObserverSettings, Variant
 from estimator.side_by_side import together
 from estimator.trace.checks import disturbed_by
 from estimator.trace.fit import FittedModel
 from estimator.trace.likelihood import is_searched
+from estimator.trace.named import constants_of
 from estimator.trace.problem import Effects, Problem, Progress, unseen
 from estimator.trace.score_test import Score
 from estimator.trace.search import margin as margin_of
@@ -34,6 +35,7 @@ _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
 _BESIDE = 0.1  # of the resonance
 _OF_THE_RATE = 1e-2  # of the power: a weaker line beside the resonance is what a rate leaves that jumps
+_FOLLOWED = 1e-3  # of the target stiffness: wide beside what a record shows of it, narrow beside a fiftieth of a cycle
 _ROUNDS = 3  # effects that are there and harmless are included in the model, and the record is tested again
 # Of what is tested with several parameters: near enough to the others to be seen by, and named.
 _LABELS = {
@@ -139,6 +141,8 @@ def _scanned(
     effects: Effects = {name: given for name, given in tested.items() if name not in constants}
     margin = margin_of(len({kind(name) for name in tested}))
     progress("scan", 1, rounds)
+    if run.settings.by_loops:
+        run = as_loops(run, constants_of(base))
     seen, turning = together(
         lambda: scores_of(of, base, effects, constants),
         lambda: turning_of(stretches, run, tested, scored_s),
@@ -230,6 +234,23 @@ def _is_tested(kind: str, label: str) -> bool:
     search = searched_by(kind)
     labels = None if search is None else _LABELS.get(search)
     return labels is None or label in labels
+
+
+def as_loops(run: Problem, constants: Mapping[str, float]) -> Problem:
+    """The problem of an observer whose angle moves as that of the classic loops: it begins with the constants that the
+    record shows, and follows what the loops null.  The stiffness across a motion that is held is none of it: free, it
+    would take what moves the angle for itself.
+    """
+    settings = run.settings
+    return run.under(
+        replace(
+            settings,
+            variant=Variant.FULL,
+            initial={**settings.initial, **constants},
+            spread=replace(settings.spread, stiffness=_FOLLOWED),
+            process_noise=replace(settings.process_noise, stiffness=0.0, damping=0.0),
+        )
+    )
 
 
 def turning_of(stretches: Sequence[Stretch], run: Problem, tested: Effects, scored_s: tuple[float, float]) -> Turning:

@@ -54,6 +54,18 @@ def instants(samples: int) -> NDArray[np.int64]:
     return np.ceil(np.arange(1, count + 1) * samples / count).astype(np.int64) - 1
 
 
+def following(problem: Problem, watched: int = 0) -> Observer:
+    """The observer of a problem.  That of the classic loops knows what damps the axes differently, and follows the mean
+    alone: the amplitude's loop sees to that.
+    """
+    observer = Observer(problem.device, problem.settings, problem.controller, watched=watched)
+    if problem.settings.by_loops:
+        observer.hold(["dxx", "dyy", "dxy"])
+        mean = sum(problem.device.damping[:2]) / 2.0
+        observer.assume(["dxx", "dyy"], np.full((2, 2), (problem.settings.spread.damping * mean) ** 2))
+    return observer
+
+
 def moved(problem: Problem, effects: Effects) -> Array:
     """How far (instants, 1) the angle that the observer of `problem` reports moves, rad, with these effects beside its
     own, coefficients and parameters SI, as large as they are.
@@ -61,7 +73,7 @@ def moved(problem: Problem, effects: Effects) -> Array:
 
     def angle(beside: Effects) -> Array:
         including = problem.carrying({**problem.effects, **beside})
-        observer = Observer(including.device, including.settings, including.controller)
+        observer = following(including)
         observer.hold([c.name for _, effect in observer.effects if effect.name in beside for c in effect.coefficients])
         return run(observer, problem.record).angle[instants(len(problem.record)), None]
 
@@ -77,7 +89,7 @@ def followed(problem: Problem, tested: Effects) -> tuple[dict[str, slice], Array
     """
     record, settings = problem.record, problem.settings
     including = replace(settings, effects={**settings.effects, **tested})
-    observer = Observer(problem.device, including, problem.controller, watched=len(tested))
+    observer = following(problem.under(including), len(tested))
     columns: dict[str, slice] = {}
     k = 0
     for _, effect in observer.effects[observer.carried :]:

@@ -109,6 +109,7 @@ def observer_settings_of(bench: Bench) -> settings.ObserverSettings:
     return settings.ObserverSettings(
         effects=included(bench),
         reference=bench.loop.settle_s,
+        by_loops=bench.observer.plugin == PLUGIN,
         open_loop=bench.device.axes == 2 and formula_of(bench).kind != "pattern",
         variant=settings.Variant(observer.variant),
         gain=settings.Gain(observer.gain),

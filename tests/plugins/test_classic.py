@@ -8,9 +8,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from estimator.completeness.closing import as_loops
+from estimator.completeness.turning import followed
+from estimator.record import Record
+from estimator.trace.problem import Problem
 from hil.bench import Bench, override
 from hil.comparing.methods import compare
 from hil.errors import InputError
+from hil.inputs.declared import device_of, observer_settings_of
 from hil.plugins.protocol import PluginError
 from hil.records.runfolder import RunFolder
 from hil.report.page import render
@@ -93,6 +98,24 @@ def test_damping_that_is_declared_isotropic_is_still_uncertain(tmp_path: Path, m
     found = driven(tmp_path, mode, 12.0, isotropic, truth=truth, rate_rad_s=0.02, damping_sd=0.1)
     error = found.angle[-1] - found.angle[16000] - 0.02 * 8.0
     assert 0.1 < abs(error) < 2.0 * found.angle_u[-1] < 1.5
+
+
+def test_what_a_constant_does_to_the_balancing_force(tmp_path: Path) -> None:
+    """Of ẏ averaged, along x: (hy (Ω + dxy/2) + my dxx/2 + ey dyy/2 − (τy of the drive + τx of the sense) kxy/2) t."""
+    found, bench = driven(tmp_path, "force_to_rebalance", 8.0, SPLIT), declared("force_to_rebalance")
+    record = Record(found.sense, found.drive, np.full(len(found.sense), 1.0 / gyro.RATE_HZ))
+    (kxx, kyy, kxy), (dxx, dyy, dxy) = bench.device.stiffness_per_s2, bench.device.damping_per_s
+    constants = {"kxx": kxx, "kyy": kyy, "kxy": kxy, "dxx": dxx, "dyy": dyy, "dxy": dxy}
+    problem = as_loops(Problem(record, device_of(bench), observer_settings_of(bench), None), constants)
+    expected = {
+        "drive_gain": (0.0, RATE_RAD_S + 0.5 * dxy), "sense_gain": (0.0,), "drive_misalignment": (0.0, 0.5 * dxx),
+        "sense_cross_coupling": (0.0, 0.5 * dyy), "drive_delay": (0.0, -0.5 * kxy), "sense_delay": (-0.5 * kxy, 0.0),
+    }  # fmt: skip
+    columns, course = followed(problem, {name: {} for name in expected})
+    middle = len(course) // 2 - 1
+    for name, rates in expected.items():
+        turned = course[-1, columns[name]] - course[middle, columns[name]]
+        assert turned == pytest.approx(np.multiply(rates, 4.0), abs=0.02 * 4.0 * max(map(abs, (*rates, 0.5)))), name
 
 
 def test_exchanging_the_axes_takes_that_bias_off(tmp_path: Path) -> None:
