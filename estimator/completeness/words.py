@@ -45,7 +45,7 @@ def in_words(
 def told(found: Sequence[Lacking]) -> str:
     """What is lacking, in one line."""
     name, sizes = _name_and_sizes(found)
-    return f"lacks {name}: {sizes}; the angle is off by {_off(found):.3g} rad"
+    return f"lacks {name}: {sizes}; the angle is off by up to {_off(found):.3g} rad"
 
 
 def _small(found: Sequence[Lacking]) -> str:

@@ -232,7 +232,7 @@ def lacking(effect: str, angle: float, alike: tuple[str, ...] = ()) -> Lacking:
 
 def test_what_is_lacking_is_named_with_size_and_angle() -> None:
     words = in_words([lacking("drive_gain", 0.31, ("sense_gain",))], [[lacking("clipping", 0.01)]], [], 30)
-    first, second = words.split("; the angle is off by 0.31 rad; ")
+    first, second = words.split("; the angle is off by up to 0.31 rad; ")
     assert first == "lacks drive_gain (or sense_gain): hx = −0.0200 ± 0.0010, tx = (3.0 ± 1.0) × 10⁻⁶ s"
     assert second.startswith("small effect found: clipping, negligible: hx")
 
@@ -256,7 +256,7 @@ def test_constants_that_are_off_together_are_told_together() -> None:
     words = in_words(found, [], [], 30)
     assert words.startswith("lacks the constants of the calibration together, each a little off: drive_gain hx = ")
     assert "; drive_delay hx = " in words
-    assert words.endswith("; the angle is off by 0.05 rad")
+    assert words.endswith("; the angle is off by up to 0.05 rad")
     small = in_words([], [found], [], 30)
     assert small.startswith("small effect found: the constants of the calibration together, each a little off, ")
     assert small.endswith(", 0.05 rad of the angle")
