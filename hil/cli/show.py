@@ -284,6 +284,8 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         told = "" if floor is None else f"; noise floor {sensed(floor, unit)}, predicted"
         yield "innovation, rms", f"{sensed(result.innovation_rms, unit)}{told}"
     yield from _angle(result)
+    if result.board is not None:
+        yield "board's own less the host's", result.board.line
     if result.angle_error_rms_rad is not None:
         yield "angle error, rms", in_both(result.angle_error_rms_rad, "rad")
     if result.score is not None and result.score.angle_per_rotation is not None:

@@ -30,7 +30,7 @@ from hil.comparing.observers import (
     with_observer,
     without_effects,
 )
-from hil.comparing.own_loop import ADAPTIVE, board_course, loops_course, own_runs, require_emulated
+from hil.comparing.own_loop import ADAPTIVE, ON_THE_BOARD, board_course, loops_course, own_runs, require_emulated
 from hil.errors import InputError
 from hil.plugins.protocol import PluginError
 from hil.progress import Progress, Watcher
@@ -39,6 +39,7 @@ from hil.records.capture import Capture
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import MethodRow, Methods, SheetFigures, save_methods
 from hil.records.runfolder import RunFolder
+from hil.records.summary import on_board
 from hil.records.truth import Truth
 from hil.report.methods import Line, write_report
 from hil.running.run import new_folder
@@ -138,6 +139,8 @@ def compare(
         subject, called(capture), truth=known, link=place, diagnosis=diagnosis, recorded=recorded, remarks=remarks,
         progress=progress,
     )  # fmt: skip
+    if run is not None and (said := on_board(run)) is not None:
+        found = found.model_copy(update={"remarks": (f"{ON_THE_BOARD}, less the host's: {said.line}", *found.remarks)})
     folder = new_folder(out, bench)
     save_methods(folder / "comparison.json", found)
     if report:

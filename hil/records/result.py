@@ -6,7 +6,7 @@ from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
 
-from hil.numbers import percent, significant, typeset
+from hil.numbers import percent, quantity, significant, typeset
 from hil.records import json_file
 from hil.records.setting import Setting
 
@@ -391,7 +391,8 @@ TOO_SLOW = "this machine answered too late: the loop was open at times, so the a
 
 
 class OnBoard(json_file.Strict):
-    """What the board's own estimator said, beside the host's estimates of the same samples; once scored, the truth."""
+    """What the board's own estimator said, beside the host's estimates of the same samples, where the board calls its
+    angle valid; once scored, the truth."""
 
     rows: Count = Field(description="Estimates recorded")
     valid_fraction: NonNegative | None = Field(
@@ -405,6 +406,20 @@ class OnBoard(json_file.Strict):
     angle_error_rms_rad: NonNegative | None = Field(default=None, description="Board's angle less the true rotation")
     rate_error_rms_rad_s: NonNegative | None = None
     score: Score | None = None
+
+    @property
+    def line(self) -> str:
+        """What is between the board's estimates and the host's, in one line."""
+        told = [
+            f"{name} {quantity(size, unit)}{when}"
+            for name, size, unit, when in (
+                ("angle", self.angle_difference_end_rad, "rad", " at the end"),
+                ("before it", self.angle_difference_rms_rad, "rad", " rms"),
+                ("rate", self.rate_difference_rms_rad_s, "rad/s", " rms"),
+            )
+            if size is not None
+        ]
+        return ", ".join(told) or "not compared: the board called no angle valid that the host has too"
 
 
 class Reference(json_file.Strict):

@@ -373,7 +373,8 @@ def _answer_to(tick: Ticks, sent: Ticks, block: int) -> tuple[npt.NDArray[np.int
 
 
 def on_board(folder: RunFolder) -> OnBoard | None:
-    """Over the scored window, of the instants that both have; None where the board said none."""
+    """Over the scored window, of the instants that both have and at which the board calls its angle valid; None where
+    the board said none."""
     board, host = folder.board_estimates, folder.estimates
     if board is None or not len(board):
         return None
@@ -383,8 +384,8 @@ def on_board(folder: RunFolder) -> OnBoard | None:
     if host is None:
         return found
     _, ours, theirs = np.intersect1d(host.tick, board.tick, return_indices=True)
-    scored = host.t_s[ours] >= folder.scored_from_s
-    ours, theirs = ours[scored], theirs[scored]
+    compared = (host.t_s[ours] >= folder.scored_from_s) & board.valid[theirs]
+    ours, theirs = ours[compared], theirs[compared]
     if not ours.size:
         return found
     angle = _difference(board, host, "angle_rad", theirs, ours)

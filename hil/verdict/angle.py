@@ -10,7 +10,7 @@ import numpy as np
 from hil.bench import Bench
 from hil.bench.classic import CLASSIC
 from hil.inputs.declared import formula_of
-from hil.numbers import percent, quantity
+from hil.numbers import COVERAGE, percent, quantity, signed
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution, Part, Reason, Result
 from hil.records.runfolder import RunFolder
@@ -34,7 +34,8 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequenc
     at its end, unless something is wrong that it knows nothing of.
 
     A run that was asked for no angle is not judged by it. One of whose angle nobody knows what it is worth has failed
-    in that part; so has one whose angle is off by more than it says, where the truth was told.
+    in that part; so has one whose angle is off by more than it says, where the truth was told, or does not go where its
+    own rate goes, and a board whose own estimates are not the host's.
     """
     estimates, limits = folder.estimates, bench.limits
     if estimates is None or "energy_ratio" not in estimates:
@@ -67,6 +68,8 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequenc
     if expanded is not None and (contradicted := _contradicted(result, scored, expanded)):
         told = f"the truth contradicts the angle: {contradicted}, and uncertain by {_angle(expanded)}"
         reasons.append(Reason(f"{told} (k = 2) at the end"))
+    reasons += _against_rate(scored, expanded or 0.0)
+    reasons += _on_board(folder, result, scored, bench)
     if expanded is not None and expanded > limits.angle_rad and not doubts:
         largest = result.uncertainty[0]
         told = (
@@ -118,6 +121,77 @@ def _expanded_rms(scored: Estimates, expanded_rad: float) -> float:
         return expanded_rad
     mean = sum(float(np.sum(piece["angle_u_rad"] ** 2)) for piece in scored.pieces()) / len(scored)
     return expanded_rad * float(np.fmax(math.sqrt(mean) / last["angle_u_rad"][0], 1.0))
+
+
+_TURN_RAD = 0.5 * math.pi
+"""A quarter of a turn: an angle that turns less is not held against its rate, whose bias may add up to as much."""
+
+
+def _against_rate(scored: Estimates, expanded_rad: float) -> list[Reason]:
+    """Whether the angle goes elsewhere than the integral of the same observer's rate: further from it, where they are
+    farthest apart, than half of the longer way. Closer may be a rate's bias and noise, for which as much counts as its
+    deviation would add up to if all of it were bias.
+    """
+    if "angle_rate_integral_rad" not in scored or scored.header.get("angle") == "rate":
+        return []
+    names = ("angle_rad", "angle_rate_integral_rad")
+    start = np.array([scored.part(0, 1)[name] for name in names])
+    low, high, farthest, bias_rad = start[:, 0] * 0.0, start[:, 0] * 0.0, start[:, 0] * 0.0, 0.0
+    rate_sd = "rate_rad_s" in scored.states
+    for piece in scored.pieces():
+        gone = np.stack([piece[name] for name in names]) - start
+        low, high = np.fmin(low, gone.min(axis=1)), np.fmax(high, gone.max(axis=1))
+        at = int(np.argmax(np.abs(gone[0] - gone[1])))
+        if abs(gone[0, at] - gone[1, at]) > abs(farthest[0] - farthest[1]):
+            farthest = gone[:, at]
+        bias_rad += COVERAGE * float(np.nansum(piece.sd("rate_rad_s"))) if rate_sd else 0.0
+    seconds = scored.ends_s[1] - scored.ends_s[0]
+    allowed = max(0.5 * float((high - low).max()), math.hypot(expanded_rad, bias_rad * seconds / len(scored)))
+    if high[0] - low[0] < _TURN_RAD or not abs(farthest[0] - farthest[1]) > allowed:
+        return []
+    angle, integral = (f"{signed(float(value))} rad" for value in farthest)
+    told = f"the angle goes {angle} where the integral of the rate goes {integral}: a wrong sign, or degrees"
+    return [Reason(told)]
+
+
+def _on_board(folder: RunFolder, result: Result, scored: Estimates, bench: Bench) -> list[Reason]:
+    """Whether the board's own estimates are the host's, to within what both are uncertain by; the angle of a board that
+    gives no uncertainty, within its limit.
+    """
+    found, board = result.board, folder.board_estimates
+    if found is None or board is None or found.valid_fraction is None:
+        return []
+    invalid = 1.0 - found.valid_fraction
+    apart: list[str] = []
+    said = board.settled(folder.settle_s)
+    own, own_rate = (COVERAGE * _rms(said, name) for name in ("angle_sd_rad", "sd_rate_rad_s"))
+    if (expanded := result.angle_expanded_rad) is not None:
+        for size, u, when in (
+            (found.angle_difference_end_rad, expanded, "at the end"),
+            (found.angle_difference_rms_rad, _expanded_rms(scored, expanded), "rms"),
+        ):
+            allowed = math.hypot(u, own) if own else max(u, bench.limits.angle_rad)
+            if size is not None and size > allowed and not apart:
+                limit = f"uncertain by {_angle(allowed)} (k = 2)"
+                limit = limit if own else f"with no uncertainty of it, [limits] angle_rad is {bench.limits.angle_rad:g}"
+                apart.append(f"the angle by {_angle(size)} {when}, {limit}")
+    rate = found.rate_difference_rms_rad_s
+    u = math.hypot(COVERAGE * _rms(scored, "sd_rate_rad_s"), own_rate)
+    if rate is not None and rate > u > 0.0:
+        by, limit = (quantity(each, "rad/s", 2) for each in (rate, u))
+        apart.append(f"the rate by {by} rms, uncertain by {limit} (k = 2)")
+    reasons = [Reason(f"the board's own estimates are not the host's: {'; '.join(apart)}")] if apart else []
+    if invalid > bench.limits.invalid_fraction:
+        told = f"the board calls its own angle not valid {percent(invalid, 2)} of the time"
+        limit = percent(bench.limits.invalid_fraction, 2)
+        reasons.append(Reason(f"{told}, [limits] invalid_fraction is {limit}"))
+    return reasons
+
+
+def _rms(scored: Estimates, name: str) -> float:
+    """Of a deviation over these rows; 0 where it is not given."""
+    squares = 0.0 if name not in scored else sum(float(np.nansum(piece[name] ** 2)) for piece in scored.pieces())
+    return math.sqrt(squares / max(len(scored), 1))
 
 
 def _untold(scored: Estimates) -> bool:

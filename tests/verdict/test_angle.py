@@ -10,7 +10,7 @@ from hil.bench import Bench
 from hil.numbers import quantity
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
-from hil.records.result import Contribution, Lacking, Part, Result, Scan, Score
+from hil.records.result import Contribution, Lacking, OnBoard, Part, Result, Scan, Score
 from hil.records.runfolder import RunFolder
 from hil.records.sensing import SenseFault
 from hil.verdict.angle import judge_angle, remedy
@@ -36,10 +36,12 @@ def judged(
     faults: tuple[SenseFault, ...] = (),
     ratio: float = 1.0,
     scan: Scan | None = None,
+    board: Estimates | None = None,
+    apart: OnBoard | None = None,
     **limits: float,
 ) -> Part:
     folder = RunFolder(Path("nowhere"))
-    vars(folder).update(estimates=found, capture=capture)
+    vars(folder).update(estimates=found, capture=capture, board_estimates=board)
     rows = () if u is None else (LARGEST,)
     result = Result(
         run="r",
@@ -53,6 +55,7 @@ def judged(
         innovation_rms=ratio * 1e-4,
         noise_floor=1e-4,
         scan=scan,
+        board=apart,
     )
     return judge_angle(folder, result, bench(controlled=controlled, **limits), faults)
 
@@ -223,3 +226,95 @@ def test_where_there_is_nothing_to_judge_it_by_it_is_unknown() -> None:
     assert judged(None).outcome == "unknown"
     assert judged(single).outcome == "unknown"  # a single axis has no angle
     assert judged(estimates().part(0, 20)).outcome == "unknown"  # the run ended before the scored window began
+
+
+SAID = {"states": ["rate_rad_s"]}
+
+
+def on_board(
+    *, angle_rad: float = 0.0, rms_rad: float = 0.0, rate_rad_s: float = 0.0, valid: float = 1.0, sd: float = 0.0
+) -> Part:
+    """A host whose U is 30 mrad, 2·0.02 rad/s of the rate; the board says `sd` of both."""
+    host = estimates(SAID, rate_rad_s=0.5, sd_rate_rad_s=0.02)
+    board = estimates(SAID, rate_rad_s=0.5, sd_rate_rad_s=sd, angle_sd_rad=sd)
+    apart = OnBoard(
+        rows=101,
+        valid_fraction=valid,
+        angle_difference_end_rad=angle_rad,
+        angle_difference_rms_rad=rms_rad,
+        rate_difference_rms_rad_s=rate_rad_s,
+    )
+    return judged(host, 0.03, board=board, apart=apart)
+
+
+@pytest.mark.parametrize(
+    ("apart", "said"),
+    [
+        ({"angle_rad": 0.029, "rms_rad": 0.029, "rate_rad_s": 0.039, "sd": 1e-6}, ""),
+        ({"angle_rad": 0.031, "sd": 1e-6}, "the angle by 31\u00a0mrad at the end, uncertain by 30\u00a0mrad (k = 2)"),
+        ({"rms_rad": 0.2, "sd": 1e-6}, "the angle by 200\u00a0mrad rms, uncertain by 30\u00a0mrad (k = 2)"),
+        ({"angle_rad": 0.099}, ""),  # it gives no uncertainty
+        ({"rms_rad": 0.2}, "the angle by 200\u00a0mrad rms, with no uncertainty of it, [limits] angle_rad is 0.1"),
+        ({"rate_rad_s": 0.041}, "the rate by 41\u00a0mrad/s rms, uncertain by 40\u00a0mrad/s (k = 2)"),
+        ({"angle_rad": 0.049, "rate_rad_s": 0.056, "sd": 0.02}, ""),  # its own deviation beside the host's
+        ({"angle_rad": 0.051, "sd": 0.02}, "the angle by 51\u00a0mrad at the end, uncertain by 50\u00a0mrad (k = 2)"),
+    ],
+)
+def test_what_the_board_estimates_is_held_against_the_host(apart: dict[str, float], said: str) -> None:
+    part = on_board(**apart)
+    assert part.outcome == ("failed" if said else "good"), part.reason
+    if said:
+        assert part.reason == f"the board's own estimates are not the host's: {said}"
+
+
+@pytest.mark.parametrize(("valid", "outcome"), [(0.91, "good"), (0.89, "failed")])
+def test_a_board_that_calls_its_angle_not_valid_for_too_long_has_failed(valid: float, outcome: str) -> None:
+    part = on_board(valid=valid)
+    assert part.outcome == outcome
+    assert ("the board calls its own angle not valid 11.00\u00a0% of the time" in part.reason) == (outcome == "failed")
+
+
+PLUGGED = {"plugins": {"observer": "mine.py:Mine"}, "states": ["rate_rad_s"]}
+
+
+def plugged(angle: np.ndarray, rate_integral: np.ndarray, u: float | None = 0.05, sd: float = np.nan) -> Part:
+    said = np.full(101, np.nan) if u is None else np.full(101, 1e-3)
+    found = estimates(
+        PLUGGED, angle_rad=angle, angle_rate_integral_rad=rate_integral, angle_sd_rad=said, sd_rate_rad_s=sd
+    )
+    return judged(found, u)
+
+
+COURSE = 0.05 * np.arange(101)
+"""Of a turn of 4 rad over the scored window."""
+
+
+@pytest.mark.parametrize("u", [0.05, None])
+def test_an_angle_against_the_sign_of_its_own_rate_fails(u: float | None) -> None:
+    part = plugged(-COURSE, COURSE, u)
+    assert part.outcome == "failed"
+    assert "the angle goes −4.00 rad where the integral of the rate goes +4.00 rad: a wrong sign" in part.reason
+
+
+@pytest.mark.parametrize("factor", [180.0 / np.pi, -1.0, 0.4])
+def test_an_angle_in_another_unit_than_its_rate_fails(factor: float) -> None:
+    assert plugged(factor * COURSE, COURSE).outcome == "failed"
+
+
+def test_there_and_back_it_fails_too() -> None:
+    there = 2.0 * np.sin(np.linspace(0.0, 2.0 * np.pi, 101))
+    assert plugged(there, there).outcome == "good"
+    assert plugged(-there, there).outcome == "failed"
+
+
+@pytest.mark.parametrize(
+    ("angle", "integral", "sd"),
+    [
+        (COURSE, COURSE, np.nan),
+        (COURSE, 1.4 * COURSE, np.nan),  # a rate whose bias adds up
+        (0.01 * COURSE, -0.9 * COURSE, np.nan),  # at rest there is nothing but its bias
+        (COURSE, -0.2 * COURSE, 0.31),  # uncertain by 5 rad, were all of its error a bias
+    ],
+)
+def test_a_rate_that_drifts_says_nothing_against_the_angle(angle: np.ndarray, integral: np.ndarray, sd: float) -> None:
+    assert plugged(angle, integral, sd=sd).outcome == "good"
