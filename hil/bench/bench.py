@@ -141,7 +141,10 @@ def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str
     """
     table = bench.model_dump()
     make_way(table, changes)
-    return parse_table(_merged(table, changes), Bench, source)
+    changed = _merged(table, changes)
+    if changed["loop"]["name"] != bench.loop.name:
+        changed["loop"]["bench"] = bench.loop.bench_name
+    return parse_table(changed, Bench, source)
 
 
 def make_way(table: dict[str, Any], changes: Mapping[str, Any], model: type[BaseModel] = Bench) -> bool:

@@ -62,6 +62,8 @@ class Loop(Section):
     and board mode also of block; without it about ten per second"""
     name: RunName = "run"
     """last part of the run folder's name"""
+    bench: RunName | None = None
+    """what `name` was before the run, replay or trace was named otherwise; written there"""
 
     @model_validator(mode="after")
     def _something_to_score(self) -> Self:
@@ -80,6 +82,11 @@ class Loop(Section):
                 "estimate_every and, in gain and board mode, block"
             )
         return self
+
+    @property
+    def bench_name(self) -> str:
+        """What the bench itself is called, however the run is."""
+        return self.bench or self.name
 
     @property
     def in_blocks(self) -> bool:

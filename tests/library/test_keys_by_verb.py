@@ -37,6 +37,7 @@ LEAVES = {
 OUTSIDE = {
     "link.url": "where no --link is given",
     "loop.name": "of the folder, by the caller",
+    "loop.bench": "of a list of runs",
     "limits.overtime": "by the process that watches the loop",
     "observer.initial_sd.drive_gain": "where [device.drive] gain_known is false, of a single axis",
     **{key: "of a board with trim electrodes" for key in LEAVES.values() if key.startswith("trim.")},

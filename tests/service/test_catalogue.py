@@ -62,7 +62,7 @@ def test_a_run_is_listed_with_what_its_result_says(source: Path, runs: Path, cat
     result = hil.load(folder).result
     assert row["id"] == row["folder"] == folder.name
     assert (row["kind"], row["verdict"], row["seconds"]) == ("run", result.verdict, result.seconds)
-    assert (row["device"], row["bench"], row["name"]) == ("S-slow", "real", "real")
+    assert (row["device"], row["bench"], row["name"]) == ("S-slow", "s-slow", "real")
     assert row["serial"] == result.serial_number
     assert row["figures"]["angle_rad"] == result.angle.rad
     assert row["figures"]["angle_u_rad"] == result.angle_u_rad

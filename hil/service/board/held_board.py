@@ -360,7 +360,7 @@ class HeldBoard:
             total=0,
             words="",
             settings=in_force(start.request.bench),
-            bench=start.request.bench.loop.name,
+            bench=start.request.bench.loop.bench_name,
             duration_s=start.request.bench.loop.duration_s,
             safe_tick=None,
         )

@@ -111,7 +111,7 @@ class BoardPart:
         if agreed not in (None, digest(facts)):
             told = in_one_line(facts)
             raise Problem(409, f"what would drive has changed since it was shown: now {told}", "look at it again")
-        self._bench, self._bench_name = request.bench, start.bench or self._bench_name or request.bench.loop.name
+        self._bench, self._bench_name = request.bench, start.bench or self._bench_name or request.bench.loop.bench_name
         self._next = {}  # they are in this run's bench, and in no other one's
         self._safe.clear()
         said = await self.line.ask(

@@ -164,7 +164,7 @@ def _serial(folder: Path) -> str | None:
 
 
 def _declared(folder: Path) -> tuple[str | None, str | None]:
-    """Names that the bench file as run gives the device and the run."""
+    """Names that the bench file as run gives the device and the bench."""
     run = RunFolder(folder)
     try:
         return _names(run.bench_text) if run.bench_text else (None, None)
@@ -174,12 +174,12 @@ def _declared(folder: Path) -> tuple[str | None, str | None]:
 
 @lru_cache(maxsize=512)
 def _names(told: str) -> tuple[str | None, str | None]:
-    """[device] name and [loop] name: of a file that hil wrote, by these tables alone, since TOML is slow to read."""
+    """[device] name and [loop] bench or name: of a file that hil wrote, by these tables alone; TOML is slow to read."""
     named = []
     for section in ("device", "loop"):
         part = re.search(rf"^\[{section}\]$(.*?)^\[", told, re.DOTALL | re.MULTILINE)
         table = tomllib.loads(part[1]) if part else tomllib.loads(told).get(section, {})
-        name = table.get("name") if isinstance(table, dict) else None
+        name = (table.get("bench") or table.get("name")) if isinstance(table, dict) else None
         named.append(printable(name) if isinstance(name, str) else None)
     return named[0], named[1]
 
