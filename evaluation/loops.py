@@ -31,9 +31,8 @@ def closed(scenario: Scenario, mode: str, seconds: float, seed: int, **more: Any
     """A run from rest; bench and scenario say the same of all but what `more` changes."""
     name, given = more.pop("name"), more.pop("device")
     controller = {"mode": mode, "virtual_rotation_rad_s": 0.0, "virtual_reversal_s": 0.0, "dither_mps2": 0.0, **more}
-    declared = bench_of(
-        name, device=given, controller=controller, loop={"mode": "force"}, limits={"residual_safe": 1e6}
-    )
+    loop = {"mode": "force", "settle_s": 0.5 * seconds}
+    declared = bench_of(name, device=given, controller=controller, loop=loop, limits={"residual_safe": 1e6})
     rate_Hz = scenario.board.sample_rate_Hz
     return close_loop(scenario, declared, round(seconds * rate_Hz), seed=seed, every=10)
 
@@ -103,7 +102,7 @@ def start(seed: int, count: int) -> None:
             last = found.estimates["energy_ratio"][-100:], found.estimates["quadrature_ratio"][-100:]
             held = abs(float(np.mean(last[0])) - 1.0) < 0.01 and float(np.max(np.abs(last[1]))) < 0.05
             resonance = math.sqrt(stiffness[0] / mass) / math.tau
-            right = abs(told["resonance"].value / resonance - 1.0) < 0.01
+            right = abs(told["frequency_scored_mean"].value / resonance - 1.0) < 0.01
             if min(phases) > 0.0 and held and right:
                 locked += 1
                 took.append(phases)

@@ -211,10 +211,13 @@ def test_it_starts_from_rest_wherever_the_resonances_are(tmp_path: Path, seed: i
     half, azimuth = 0.5 * MASS_KG * 10.0 / 1e-4 * random.uniform(-1.0, 1.0), random.uniform(0.0, math.pi)
     cosine, sine = half * math.cos(2.0 * azimuth), half * math.sin(2.0 * azimuth)
     truth = {"stiffness_N_per_m": [mean + cosine, mean - cosine, sine]}
-    found = driven(tmp_path, "force_to_rebalance", 4.0, ROUND, truth=truth)
+    found = driven(tmp_path, "force_to_rebalance", 4.5, ROUND, truth=truth)
     phases = ("search", "ring_up", "lock", "null")
     assert all(0.0 < found.figures[phase] < (found.limits[phase] or 0.0) for phase in phases)
-    assert found.figures["resonance"] == pytest.approx(math.sqrt((mean + cosine) / MASS_KG) / math.tau, rel=0.01)
+    resonance = math.sqrt((mean + cosine) / MASS_KG) / math.tau
+    assert found.figures["frequency_scored_mean"] == pytest.approx(resonance, rel=1e-5)
+    assert found.figures["amplitude_of_set_scored_mean"] == pytest.approx(1.0, abs=1e-3)
+    assert max(found.figures[f"{one}_scored_rms"] for one in ("phase_error", "across_over_along")) < 0.01
     assert np.mean(found.energy[-2000:]) == pytest.approx(1.0, abs=2e-3)
     assert np.mean(found.rate[-2000:]) == pytest.approx(RATE_RAD_S, abs=0.01)
 

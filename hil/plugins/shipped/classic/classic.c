@@ -26,6 +26,8 @@ typedef struct {
                                            exchange takes off what damping adds; its integral since the zero */
     double windows[3], sum, walk2; /* of the quadrature's rate; rad2/s */
     int64_t samples, whole, walks;
+    double scored_samples, scored[4]; /* since the zero, sums of: frequency, Hz; amplitude over its set point; squares of
+                                         the phase's error and of the motion across over that along */
 } classic;
 
 static const char *const option_names[] = {"mode",       "amplitude_Hz",     "phase_Hz",   "rate_Hz", "quadrature_Hz",
@@ -166,6 +168,18 @@ static double by_damping(const classic *own, double complex coupling)
            own->loops.device.angular_gain;
 }
 
+/* How the loops hold what they are to hold. */
+static void watch_loops(classic *own)
+{
+    const loops *in = &own->loops;
+    double a = creal(in->along), across = cabs(in->across) / a;
+    own->scored_samples += 1.0;
+    own->scored[0] += in->omega / (2.0 * HALF_TURN);
+    own->scored[1] += a / in->device.amplitude_m;
+    own->scored[2] += in->error_rad * in->error_rad;
+    own->scored[3] += across * across;
+}
+
 static void tell(const classic *own, gyro_plugin_estimate *estimate)
 {
     const loops *in = &own->loops;
@@ -216,6 +230,8 @@ void gyro_plugin_observe(void *instance, const gyro_plugin_sample *sample, gyro_
         own->zero_s = own->running_s;
         own->missed2 = 0.0;
         own->coupled_s = 0.0;
+    } else if (own->start.phase == RUN) {
+        watch_loops(own);
     }
     if (own->start.phase > SEARCH)
         lock_phase(in, 0.05);
@@ -272,14 +288,15 @@ int gyro_plugin_figure(const void *instance, int number, gyro_plugin_named *figu
 {
     const classic *own = instance;
     const start *began = &own->start;
-    static const char *const reached[RUN] = {"resonance", "amplitude_over_set_point", "phase_error",
-                                              "motion_across_over_along"};
+    static const char *const held[RUN] = {"frequency_scored_mean", "amplitude_of_set_scored_mean",
+                                           "phase_error_scored_rms", "across_over_along_scored_rms"};
     static const char *const units[RUN] = {"Hz", "1", "rad", "1"};
     double complex gain = loop_gain(&own->loops.probe);
+    double mean = number >= RUN && number < 2 * RUN ? own->scored[number - RUN] / own->scored_samples : NAN;
     if (number < RUN)
         *figure = (gyro_plugin_named){phase_names[number], "s", began->took_s[number], began->limit_s[number]};
     else if (number < 2 * RUN)
-        *figure = (gyro_plugin_named){reached[number - RUN], units[number - RUN], began->figure[number - RUN], NAN};
+        *figure = (gyro_plugin_named){held[number - RUN], units[number - RUN], number < RUN + 2 ? mean : sqrt(mean), NAN};
     else if (own->loops.probe.loop > 0 && number == 2 * RUN)
         *figure = (gyro_plugin_named){"loop_gain", "1", cabs(gain), NAN};
     else if (own->loops.probe.loop > 0 && number == 2 * RUN + 1)
