@@ -378,10 +378,18 @@ def test_pages_over_columns_that_are_empty_lose_none(source: Path, runs: Path, c
 @pytest.mark.parametrize(
     "asked",
     [{"sort": "nothing"}, {"sort": "time; DROP TABLE runs"}, {"where": ["a<b"]}, {"where": ["angle_rad<nan"]},
-     {"where": ["1=1"]}, {"after": "AAAA"}, {"after": "é"}, {"after": "W10"}, {"limit": 0}, {"limit": 10**6}],
+     {"where": ["foo<1"]}, {"where": ["1=1"]}, {"after": "AAAA"}, {"after": "é"}, {"after": "W10"}, {"limit": 0},
+     {"limit": 10**6}],
 )  # fmt: skip
 def test_what_is_no_question_is_refused(many: Catalogue, asked: dict[str, Any]) -> None:
     with pytest.raises((InputError, ValidationError)):
+        queries.listed(many, queries.Page(**asked))
+
+
+@pytest.mark.moderate
+@pytest.mark.parametrize("asked", [{"where": ["angle_u_rd<1"]}, {"sort": "angle_u_rd"}])
+def test_an_unknown_figure_is_refused_with_those_near_it(many: Catalogue, asked: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"'angle_u_rd' is no .*; did you mean angle_u_rad"):
         queries.listed(many, queries.Page(**asked))
 
 

@@ -7,6 +7,7 @@ import re
 import sqlite3
 from collections.abc import Iterable, Sequence
 from datetime import datetime
+from difflib import get_close_matches
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StringConstraints
@@ -277,8 +278,7 @@ def _conditions(database: sqlite3.Connection, asked: Filter) -> tuple[list[str],
         told += [word[:_LONGEST] for word in words]
     for condition in asked.where:
         name, sign, number = _condition(condition)
-        named = database.execute("SELECT figure FROM figure_names WHERE name = ?", (name,)).fetchall()
-        known = [int(row["figure"]) for row in named] or [-1]
+        known = _figures_of(database, name, f"where: {name!r} is no figure")
         which = "= ?" if len(known) == 1 else f"IN ({', '.join('?' * len(known))})"
         conditions.append(
             f"EXISTS (SELECT 1 FROM figures WHERE figures.key = runs.key AND figures.figure {which} AND value {sign} ?)"
@@ -307,18 +307,21 @@ def _condition(text: str) -> tuple[str, str, float]:
 
 def _figure_of(database: sqlite3.Connection, name: str) -> int:
     """The figure of that name; of several units, that which most runs have."""
-    rows = database.execute("SELECT figure FROM figure_names WHERE name = ?", (name[:_LONGEST],)).fetchall()
-    if not rows:
-        raise InputError(f"sort: {name[:_LONGEST]!r} is no column and no figure; give one of {', '.join(_COLUMNS)}")
-    if len(rows) == 1:
-        return int(rows[0]["figure"])
-    counts = {
-        int(row["figure"]): int(
-            database.execute("SELECT count(*) FROM figures WHERE figure = ?", (row["figure"],)).fetchone()[0]
-        )
-        for row in rows
-    }
-    return max(counts, key=lambda figure: counts[figure])
+    known = _figures_of(database, name[:_LONGEST], f"sort: {name[:_LONGEST]!r} is no column and no figure", _COLUMNS)
+    if len(known) == 1:
+        return known[0]
+    counted = "SELECT count(*) FROM figures WHERE figure = ?"
+    return max(known, key=lambda figure: int(database.execute(counted, (figure,)).fetchone()[0]))
+
+
+def _figures_of(database: sqlite3.Connection, name: str, unknown: str, others: Sequence[str] = ()) -> list[int]:
+    """The figures of that name, one for each unit.  Raises InputError that begins as `unknown`, with names near it."""
+    if rows := database.execute("SELECT figure FROM figure_names WHERE name = ?", (name,)).fetchall():
+        return [int(row["figure"]) for row in rows]
+    names = [*others, *(row["name"] for row in database.execute("SELECT DISTINCT name FROM figure_names"))]
+    if near := get_close_matches(name, names, 3):
+        raise InputError(f"{unknown}; did you mean {' or '.join(near)}?")
+    raise InputError(f"{unknown}; GET /api/figures lists those there are")
 
 
 def _rows(database: sqlite3.Connection, found: Iterable[sqlite3.Row], shown: Sequence[str]) -> list[dict[str, Any]]:
