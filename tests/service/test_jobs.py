@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -462,3 +463,11 @@ def test_a_pyramid_is_made_once(watched: Watched) -> None:
     assert (
         json.loads((tmp := watched.jobs._jobs[rows[0]["id"]].place / "outcome.json").read_text())["state"] == "done"
     ), tmp
+
+
+def test_a_job_names_no_run_that_left_nothing(watched: Watched, bench: Path) -> None:
+    bench.write_text(re.sub(r"(?m)^sample_rate_Hz = .*$", "sample_rate_Hz = 5000", bench.read_text()))
+    row = ended(watched, AskedRun(kind="run", bench="short"))
+    assert watched.made  # it had begun
+    assert not list(watched.runs.iterdir())
+    assert (row["state"], row["result"]) == ("failed", None)

@@ -107,6 +107,8 @@ def main(place: Path) -> None:
             failed = ending_of(error)
             outcome["error"], code = _as_asked(failed.line, called), failed.code
             traceback.print_exc()
+        if (run := outcome["result"].get("run")) and not (Path(order["out"]) / run).is_dir():
+            outcome["result"] = {}  # it had begun, and left nothing
         ending.done.set()
         write_text(place / OUTCOME, json.dumps({**outcome, "ended": time.time()}) + "\n")
     sys.stdout.flush()

@@ -341,7 +341,7 @@ def _outcome(place: Path) -> dict[str, Any] | None:
 
 def _take(job: _Job, outcome: dict[str, Any]) -> None:
     job.state, job.error = outcome["state"], outcome.get("error")
-    job.result = outcome.get("result") or job.result
+    job.result = outcome.get("result", job.result)
     job.began, job.ended = outcome.get("began", job.began), outcome.get("ended")
     job.stage = job.done = job.total = job.left_s = None
 
