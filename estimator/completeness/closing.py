@@ -35,7 +35,7 @@ _FEWEST_CYCLES = 100.0
 _FEWEST_SAMPLES = 2000
 _BESIDE = 0.1  # of the resonance
 _OF_THE_RATE = 1e-2  # of the power: a weaker line beside the resonance is what a rate leaves that jumps
-_FOLLOWED = 1e-3  # of the target stiffness: wide beside what a record shows of it, narrow beside a fiftieth of a cycle
+_FOLLOWED = 1e-3  # of the target stiffness, and per √s: wide beside what a record leaves of it; so is a tenth of it
 _ROUNDS = 3  # effects that are there and harmless are included in the model, and the record is tested again
 # Of what is tested with several parameters: near enough to the others to be seen by, and named.
 _LABELS = {
@@ -238,8 +238,7 @@ def _is_tested(kind: str, label: str) -> bool:
 
 def as_loops(run: Problem, constants: Mapping[str, float]) -> Problem:
     """The problem of an observer whose angle moves as that of the classic loops: it begins with the constants that the
-    record shows, and follows what the loops null.  The stiffness across a motion that is held is none of it: free, it
-    would take what moves the angle for itself.
+    record shows, and its springs follow whatever the phase and the quadrature loop null.
     """
     settings = run.settings
     return run.under(
@@ -248,7 +247,7 @@ def as_loops(run: Problem, constants: Mapping[str, float]) -> Problem:
             variant=Variant.FULL,
             initial={**settings.initial, **constants},
             spread=replace(settings.spread, stiffness=_FOLLOWED),
-            process_noise=replace(settings.process_noise, stiffness=0.0, damping=0.0),
+            process_noise=replace(settings.process_noise, stiffness=_FOLLOWED, damping=0.0),
         )
     )
 

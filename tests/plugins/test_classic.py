@@ -1,7 +1,7 @@
 """The loops of [controller] mode on emulated devices, beside closed forms: Lynch's equations, and their design."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from estimator.completeness.closing import as_loops
-from estimator.completeness.turning import followed
+from estimator.completeness.turning import followed, instants
 from estimator.record import Record
 from estimator.trace.problem import Problem
 from hil.bench import Bench, override
@@ -100,22 +100,45 @@ def test_damping_that_is_declared_isotropic_is_still_uncertain(tmp_path: Path, m
     assert 0.1 < abs(error) < 2.0 * found.angle_u[-1] < 1.5
 
 
+def moved_by(found: Driven, bench: Bench, effects: Iterable[str]) -> dict[str, np.ndarray]:
+    """Of each effect, what a unit of each coefficient does to the angle from 4 s on, as the closing scan has it."""
+    record = Record(found.sense, found.drive, np.full(len(found.sense), 1.0 / gyro.RATE_HZ))
+    values = (*bench.device.stiffness_per_s2, *bench.device.damping_per_s)
+    constants = dict(zip(("kxx", "kyy", "kxy", "dxx", "dyy", "dxy"), values, strict=True))
+    problem = as_loops(Problem(record, device_of(bench), observer_settings_of(bench), None), constants)
+    columns, course = followed(problem, {name: {} for name in effects})
+    begin = np.searchsorted(instants(len(record)), 16000)
+    return {name: course[-1, places] - course[begin, places] for name, places in columns.items()}
+
+
 def test_what_a_constant_does_to_the_balancing_force(tmp_path: Path) -> None:
     """Of ẏ averaged, along x: (hy (Ω + dxy/2) + my dxx/2 + ey dyy/2 − (τy of the drive + τx of the sense) kxy/2) t."""
     found, bench = driven(tmp_path, "force_to_rebalance", 8.0, SPLIT), declared("force_to_rebalance")
-    record = Record(found.sense, found.drive, np.full(len(found.sense), 1.0 / gyro.RATE_HZ))
-    (kxx, kyy, kxy), (dxx, dyy, dxy) = bench.device.stiffness_per_s2, bench.device.damping_per_s
-    constants = {"kxx": kxx, "kyy": kyy, "kxy": kxy, "dxx": dxx, "dyy": dyy, "dxy": dxy}
-    problem = as_loops(Problem(record, device_of(bench), observer_settings_of(bench), None), constants)
+    (_, _, kxy), (dxx, dyy, dxy) = bench.device.stiffness_per_s2, bench.device.damping_per_s
     expected = {
         "drive_gain": (0.0, RATE_RAD_S + 0.5 * dxy), "sense_gain": (0.0,), "drive_misalignment": (0.0, 0.5 * dxx),
         "sense_cross_coupling": (0.0, 0.5 * dyy), "drive_delay": (0.0, -0.5 * kxy), "sense_delay": (-0.5 * kxy, 0.0),
     }  # fmt: skip
-    columns, course = followed(problem, {name: {} for name in expected})
-    middle = len(course) // 2 - 1
-    for name, rates in expected.items():
-        turned = course[-1, columns[name]] - course[middle, columns[name]]
-        assert turned == pytest.approx(np.multiply(rates, 4.0), abs=0.02 * 4.0 * max(map(abs, (*rates, 0.5)))), name
+    for name, turned in moved_by(found, bench, expected).items():
+        size = max(map(abs, (*expected[name], 0.5)))
+        assert turned == pytest.approx(np.multiply(expected[name], 4.0), abs=0.02 * 4.0 * size), name
+
+
+def test_what_a_constant_does_to_a_motion_that_turns_freely(tmp_path: Path) -> None:
+    """At α the drive is d along the motion, d = dxx cos² α + dyy sin² α + dxy sin 2α; of it a gain or an angle puts
+    ½ d (hy − hx) sin α cos α and ½ d (my cos² α − mx sin² α) across the motion."""
+    found, bench = driven(tmp_path, "classic_whole_angle", 8.0, SPLIT), declared("classic_whole_angle")
+    dxx, dyy, dxy = bench.device.damping_per_s
+    azimuth = -found.angle[16000:]
+    cosine, sine = np.cos(azimuth), np.sin(azimuth)
+    along = 0.5 * (dxx * cosine**2 + dyy * sine**2 + 2.0 * dxy * sine * cosine) / gyro.RATE_HZ
+    apart = float(np.sum(along * sine * cosine))
+    expected = {
+        "drive_gain": (-apart, apart),
+        "drive_misalignment": (-float(np.sum(along * sine**2)), float(np.sum(along * cosine**2))),
+    }
+    for name, turned in moved_by(found, bench, expected).items():
+        assert turned == pytest.approx(expected[name], rel=0.1), name  # it has a memory of a second
 
 
 def test_exchanging_the_axes_takes_that_bias_off(tmp_path: Path) -> None:
