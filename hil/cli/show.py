@@ -255,6 +255,8 @@ def _figures(result: "Result") -> Iterator[tuple[str, str]]:
         yield "setting for this machine", result.holds.line
     if result.board_clock is not None:
         yield "board's clock", result.board_clock.line
+        if result.board_clock.sample_rate is not None:
+            yield "sample rate", result.board_clock.sample_rate.line
     if result.reference is not None:
         yield "beside the reference", result.reference.line
     if result.load is not None:

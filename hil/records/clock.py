@@ -107,7 +107,7 @@ def fit_clock(sent_ns: Nanoseconds, board_ns: Nanoseconds, received_ns: Nanoseco
     skew = float(np.sum(share * y))
     left = y - height - skew * (x - centre)
     scatter = math.sqrt(float(np.sum(weight * left**2)) / (best.size - 2))  # over what the weights take for granted
-    width = max(SD_95, _student(best.size - 2) * scatter)
+    width = max(SD_95, student(best.size - 2) * scatter)
     return ClockFit(
         at_host_ns=int(start_ns) + round(centre),
         offset_ns=int(apart_ns) + round(height),
@@ -144,7 +144,7 @@ def _require_steady(x: Floats, y: Floats, delay: Floats) -> None:
         )
 
 
-def _student(freedom: int) -> float:
+def student(freedom: int) -> float:
     """Quantile of Student's distribution for a 95 % interval."""
     from scipy.special import stdtrit  # loads slowly: only where there is something to fit
 

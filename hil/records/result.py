@@ -102,11 +102,27 @@ class ClockRelation(json_file.Strict):
     used: Count = Field(description="The quickest of each part of the run, which the relation comes from")
 
 
+class SampleRate(json_file.Strict):
+    """How often the board samples, by the host's clock: of a run on wall time."""
+
+    declared_Hz: NonNegative = Field(description="By IDENTITY, and the bench file")
+    measured_Hz: NonNegative
+    off_ppm: float = Field(description="By how much it is more than declared")
+    uncertainty_ppm: NonNegative = Field(description="Half the 95 % interval, by the scatter of the earliest arrivals")
+
+    @property
+    def line(self) -> str:
+        """In one line."""
+        off = typeset(f"{self.off_ppm:+.1f}")
+        return f"{off} ± {self.uncertainty_ppm:.1f} ppm off the declared {self.declared_Hz:g} Hz, by the host's clock"
+
+
 class BoardClock(json_file.Strict):
     """What the times of a run are on, and how that is related to the host's clock."""
 
     time_base: str = Field(description="Of every tick and time in the capture, in words")
     relation: ClockRelation | None = None
+    sample_rate: SampleRate | None = Field(default=None, description="Null in lockstep, and of too short a run")
     unknown: str | None = Field(default=None, description="Why there is no relation, one line")
 
     @property

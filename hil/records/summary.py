@@ -21,9 +21,19 @@ from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates, Innovation, steady, usual_sd_V
 from hil.records.quantiles import quantiles
 from hil.records.rate_reference import errors
-from hil.records.result import Answers, BoardClock, ClockRelation, Constant, Ledger, OnBoard, Percentiles, Result
+from hil.records.result import (
+    Answers,
+    BoardClock,
+    ClockRelation,
+    Constant,
+    Ledger,
+    OnBoard,
+    Percentiles,
+    Result,
+    SampleRate,
+)
 from hil.records.runfolder import RunFolder
-from hil.records.timing import Timing
+from hil.records.timing import Timing, rate_of_ticks
 from hil.records.truth import Truth
 from hil.records.units import symbol_of
 
@@ -200,9 +210,9 @@ def board_clock(folder: RunFolder) -> BoardClock | None:
     base = str(capture.header["time"])
     if clock is None:
         return BoardClock(time_base=base, unknown=_ONE_CLOCK if base == TIME_LOCKSTEP else _NOT_ASKED)
-    fit = clock.fit
+    fit, rate = clock.fit, sample_rate(capture, clock, folder.timing)
     if fit is None:
-        return BoardClock(time_base=base, unknown=clock.unknown)
+        return BoardClock(time_base=base, sample_rate=rate, unknown=clock.unknown)
     relation = ClockRelation(
         at_host_ns=fit.at_host_ns,
         offset_ns=fit.offset_ns,
@@ -214,7 +224,27 @@ def board_clock(folder: RunFolder) -> BoardClock | None:
         exchanges=fit.exchanges,
         used=fit.used,
     )
-    return BoardClock(time_base=base, relation=relation)
+    return BoardClock(time_base=base, relation=relation, sample_rate=rate)
+
+
+def sample_rate(capture: Capture, clock: ClockRecord, timing: Timing | None) -> SampleRate | None:
+    """From when the host had which tick: of a sample that it answered, or in board mode the one in an exchange of time
+    while the board streamed.
+    """
+    if timing is not None:
+        known = timing.spread(_LEDGER_ROWS, _STRETCHES)
+        ticks, host_ns = known.tick, known.columns["t_receive_ns"]
+    else:
+        first, last = capture.ends if len(capture) else (0, 0)
+        streaming = (clock.tick > first) & (clock.tick < last)  # one that stands still says the same tick
+        ticks, host_ns = clock.tick[streaming], clock.columns["t_receive_ns"][streaming]
+    declared_Hz = clock.tick_rate_Hz
+    if (found := rate_of_ticks(ticks, host_ns, declared_Hz)) is None:
+        return None
+    off, half = found
+    return SampleRate(
+        declared_Hz=declared_Hz, measured_Hz=declared_Hz * (1.0 + off), off_ppm=1e6 * off, uncertainty_ppm=1e6 * half
+    )
 
 
 def reporting_mass_kg(folder: RunFolder) -> float | None:

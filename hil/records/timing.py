@@ -7,6 +7,7 @@ it by the fastest arrivals, and by the board's own word where it has given its t
 that leaves the wire more: what has been sampled by then was sampled no later.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -16,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.records.blocks import part_of
-from hil.records.clock import ClockRecord
+from hil.records.clock import ClockRecord, student
 from hil.records.layout import BENCH, HOST, TICK, Column, Layout, block_rows_for
 from hil.records.table import Table
 
@@ -145,8 +146,7 @@ def ticks_on_clock(
     """
     nominal = 1e9 / tick_rate_Hz
     delay = (received_ns - received_ns[0]) - (tick - tick[0]) * nominal
-    parts = [part for part in np.array_split(np.arange(tick.size), _PARTS) if part.size]
-    earliest = np.array([part[np.argmin(delay[part])] for part in parts])
+    earliest = _earliest(delay)
     skew = 0.0
     if len(earliest) == _PARTS:
         skew = float(np.polyfit((tick[earliest] - tick[0]).astype(float), delay[earliest], 1)[0])
@@ -155,6 +155,29 @@ def ticks_on_clock(
         late = seen.host_ns - float(received_ns[0] - seen.since_ns) - (seen.tick - tick[0]) * (nominal + skew)
         height = min(height, float(late.min()))
     return lambda ticks: received_ns[0] + height + (ticks - tick[0]) * (nominal + skew)
+
+
+def rate_of_ticks(
+    tick: npt.NDArray[np.int64], host_ns: npt.NDArray[np.int64], tick_rate_Hz: float
+) -> tuple[float, float] | None:
+    """By how much more ticks there are in a second of the host than declared, relative, and half its 95 % interval, by
+    when (n,) the host had which tick (n,); None of too few. Through the earliest of each of ten parts goes a line.
+    """
+    if tick.size < _PARTS:
+        return None
+    declared = (tick - tick[0]) * (1e9 / tick_rate_Hz)
+    delay = (host_ns - host_ns[0]) - declared
+    earliest = _earliest(delay)
+    x, y = declared[earliest], delay[earliest]
+    (slope, height), moment = np.polyfit(x, y, 1), float(np.sum((x - x.mean()) ** 2))
+    scatter = math.sqrt(float(np.sum((y - slope * x - height) ** 2)) / (_PARTS - 2))
+    return 1.0 / (1.0 + float(slope)) - 1.0, student(_PARTS - 2) * scatter / math.sqrt(moment)
+
+
+def _earliest(delay: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
+    """Of each of ten parts, the row with the least delay."""
+    parts = [part for part in np.array_split(np.arange(delay.size), _PARTS) if part.size]
+    return np.array([part[np.argmin(delay[part])] for part in parts])
 
 
 read_timing = Timing.read

@@ -151,6 +151,8 @@ def ledger(material: Material) -> str:
     if result.board_clock is not None:
         clock = result.board_clock
         parts.append(paragraph(f"Times are in {clock.time_base}. The board's clock: {clock.line}."))
+        if clock.sample_rate is not None:
+            parts.append(paragraph(f"Sample rate: {clock.sample_rate.line}."))
     if (beside := result.reference) is not None:
         device = beside.link if beside.sensor is None else beside.sensor.device
         counted = f"{beside.samples} samples, {beside.lost} missing; silent for {beside.silent_s:.2g} s at the longest"

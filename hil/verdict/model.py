@@ -5,6 +5,7 @@ from collections.abc import Sequence
 
 from hil.bench import Bench
 from hil.inputs.swing import swing_slip
+from hil.numbers import COVERAGE, typeset
 from hil.records.result import Part, Reason, Result
 from hil.records.runfolder import RunFolder
 from hil.records.sensing import SenseFault, sense_faults
@@ -41,10 +42,32 @@ def judge_model(
     if folder.capture is not None and (reasons or _silent(result)) and (told := swing_slip(folder.capture, bench)):
         # The rest follows from it.
         return Part(outcome="lacks", reason=told, next=told.rpartition("; ")[2])
-    reasons = [*(Reason(fault.text, fault.cure) for fault in faults), *reasons]
+    reasons = [*(Reason(fault.text, fault.cure) for fault in faults), *_sample_rate(result, bench), *reasons]
     if not reasons and scan is not None:
         return Part(outcome="unknown" if scan.complete is None else "complete", reason=scan.reason)
     return Part.of(reasons, good="complete", bad="lacks")
+
+
+def _sample_rate(result: Result, bench: Bench) -> list[Reason]:
+    """Whether the board samples at another rate than it says, [effects.clock_rate] included, by more than its clock is
+    uncertain by.
+    """
+    found = None if result.board_clock is None else result.board_clock.sample_rate
+    if found is None:
+        return []
+    delta = bench.effects.named.get("clock_rate", {}).get("delta", 0.0)
+    off_ppm = 1e6 * (found.measured_Hz / found.declared_Hz * (1.0 + delta) - 1.0)
+    allowed_ppm = 1e6 * COVERAGE * bench.device.known["clock"].u
+    if abs(off_ppm) <= allowed_ppm + found.uncertainty_ppm:
+        return []
+    measured = f"{found.measured_Hz:.7g}"
+    off = f"{typeset(f'{off_ppm:+.1f}')} ± {found.uncertainty_ppm:.1f} ppm"
+    told = (
+        f"the board samples at {measured} Hz by the host's clock, IDENTITY says {found.declared_Hz:g} Hz: {off}, where "
+        f"its clock may be off by {allowed_ppm:.3g} ppm (k = 2)"
+    )
+    declared = f"[effects.clock_rate] delta = {found.declared_Hz / found.measured_Hz - 1.0:.4g}"
+    return [Reason(told, f"correct the firmware's tick_rate_Hz to {measured}, or declare {declared}")]
 
 
 def innovation_above(result: Result, bench: Bench) -> str:

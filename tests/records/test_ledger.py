@@ -9,7 +9,7 @@ from hil.records.capture import RowFlag, board_layout, read_capture
 from hil.records.clock import ClockRecord, clock_layout, read_clock
 from hil.records.stream import BlockWriter
 from hil.records.summary import applied_ticks, ledger
-from hil.records.timing import Timing, ledger_layout, read_timing, ticks_on_clock, timing_layout
+from hil.records.timing import Timing, ledger_layout, rate_of_ticks, read_timing, ticks_on_clock, timing_layout
 
 RATE_HZ = 1e5
 BLOCK = 250
@@ -30,6 +30,25 @@ def test_a_short_record_takes_the_clock_as_it_is() -> None:
     tick = np.array([249, 499, 749])
     received = np.array([2_490_000, 5_000_000, 7_500_000])
     np.testing.assert_allclose(ticks_on_clock(tick, received, RATE_HZ)(tick), [2_490_000, 4_990_000, 7_490_000])
+
+
+@pytest.mark.parametrize("off", [0.0, 1e-3, -0.05])
+def test_the_sample_rate_is_that_of_the_earliest_arrivals(off: float) -> None:
+    """Of many records about one in twenty is outside its interval."""
+    random, missed = np.random.default_rng(5), 0
+    tick = np.arange(40_000)
+    for _ in range(100):
+        sampled = tick * 1e9 / 5000.0 / (1.0 + off)
+        received = np.rint(sampled + 20e3 + random.exponential(100e3, tick.size)).astype(np.int64)
+        found = rate_of_ticks(tick, received, 5000.0)
+        assert found is not None
+        missed += abs(found[0] - off) > found[1]
+        assert found[1] < 3e-5  # a crystal
+    assert missed <= 12
+
+
+def test_a_sample_rate_takes_ten_arrivals() -> None:
+    assert rate_of_ticks(np.arange(9), np.arange(9) * 200_000, 5000.0) is None
 
 
 def record(path: Path, deadline_us: float | None) -> None:

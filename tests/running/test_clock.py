@@ -212,7 +212,12 @@ def test_the_skew_of_a_board_is_found(tmp_path: Path, mode: str) -> None:
     # Board's time is (1 + skew) × the host's.
     assert abs(found.offset_ns - skew * found.at_host_ns) <= found.offset_uncertainty_ns
     assert found.offset_uncertainty_ns >= 500.0 * found.round_trip_us
-    # The board samples on its own clock.
+    # The board samples on its own clock, by which it says another rate.
+    rate = result.board_clock.sample_rate
+    assert rate is not None
+    assert abs(rate.off_ppm - 1e6 * skew) <= max(3.0 * rate.uncertainty_ppm, 0.1 * 1e6 * skew)
+    assert result.parts["model"].outcome == "lacks"
+    assert "IDENTITY says" in result.parts["model"].reason
     timing = folder.timing
     assert timing is not None
     tick, received = timing.tick[[0, -1]], timing.columns["t_receive_ns"][[0, -1]]

@@ -6,9 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.bench import override
 from hil.records.capture import Capture
 from hil.records.estimates import Innovation
-from hil.records.result import Result, Scan
+from hil.records.result import BoardClock, Result, SampleRate, Scan
 from hil.records.runfolder import RunFolder
 from hil.verdict.model import faults_of, judge_model
 from tests.running import gyro
@@ -145,3 +146,38 @@ def test_a_decay_or_a_small_motion_is_no_wrong_unit(
     part = judge_model(swinging(tmp_path, times, decay_per_s=decay_per_s), result(True, ratio=of_floor), gyro.bench())
     assert "sense voltages" not in part.reason
     assert part.next is None
+
+
+def sampled(off_ppm: float, half_ppm: float = 3.0) -> Result:
+    rate = SampleRate(
+        declared_Hz=5000.0, measured_Hz=5000.0 * (1.0 + 1e-6 * off_ppm), off_ppm=off_ppm, uncertainty_ppm=half_ppm
+    )
+    return result(True).model_copy(update={"board_clock": BoardClock(time_base="board", sample_rate=rate)})
+
+
+@pytest.mark.parametrize(
+    ("off_ppm", "half_ppm", "keys", "outcome"),
+    [
+        (62.0, 3.0, {}, "complete"),  # a crystal: 30 ppm, k = 2, where nothing is declared
+        (-64.0, 3.0, {}, "lacks"),
+        (64.0, 5.0, {}, "complete"),
+        (64.0, 3.0, {"device": {"calibration": {"clock_u": 1e-4}}}, "complete"),
+        (1000.0, 3.0, {"effects": {"clock_rate": {"delta": 1.0 / 1.001 - 1.0}}}, "complete"),
+        (0.0, 3.0, {"effects": {"clock_rate": {"delta": 1.0 / 1.001 - 1.0}}}, "lacks"),
+    ],
+)
+def test_a_sample_rate_is_held_against_the_declared_one(
+    tmp_path: Path, off_ppm: float, half_ppm: float, keys: dict[str, dict[str, object]], outcome: str
+) -> None:
+    bench = override(gyro.bench(), keys, "test")
+    assert judge_model(RunFolder(tmp_path), sampled(off_ppm, half_ppm), bench).outcome == outcome
+
+
+def test_a_wrong_sample_rate_is_told_with_both_and_what_mends_it(tmp_path: Path) -> None:
+    part = judge_model(RunFolder(tmp_path), sampled(1000.5), gyro.bench())
+    assert part.reason.startswith(
+        "the board samples at 5005.002 Hz by the host's clock, IDENTITY says 5000 Hz: +1000.5 ± 3.0 ppm"
+    )
+    assert part.next == (
+        "correct the firmware's tick_rate_Hz to 5005.002, or declare [effects.clock_rate] delta = -0.0009995"
+    )
