@@ -62,7 +62,6 @@ class Axis:
         """
         from scipy.interpolate import CubicSpline
 
-
         def blocks() -> Iterator[Block]:
             for before, block, after in _with_neighbours(self.blocks()):
                 near = [one for one in (before, block, after) if one is not None and one.reference is not None]

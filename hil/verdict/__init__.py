@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 from hil.bench import Bench, load_bench
 from hil.boards.emulation import is_emulated
 from hil.records.lateness import lateness_of
-from hil.records.result import Holds, Part, Result, RunVerdict
+from hil.records.result import Holds, Part, Reason, Result, RunVerdict
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
 from hil.verdict.machine import held, judge_machine, mishaps, own_setting
 from hil.verdict.model import faults_of, judge_model
-from hil.verdict.next_step import after_run
-from hil.verdict.residual import cure
+from hil.verdict.next_step import after_run, next_of
+from hil.verdict.residual import cause
 from hil.verdict.safety import judge_safety
 from hil.verdict.safety import remarks as stops_survived
 
@@ -49,8 +49,10 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     """
     stopped, refused = str(outcome.get("stopped", "")), tuple(outcome.get("refused", ()))
     counters = outcome.get("counters", {})
-    start = cure(folder, bench) if counters.get("residual_safe") else ""
-    stopped += f"; {start}" if start else ""
+    cure = str(outcome.get("cure", ""))
+    signs = (outcome.get("safety") or {}).get("signs")  # then the wiring is known
+    if counters.get("residual_safe") and not signs and (start := cause(folder, bench, result.link or "")):
+        stopped, cure = f"{stopped}; {start.text}", start.cure
     ended_early = bool(stopped) or not result.complete
     too_slow = "HostTooSlow" in outcome.get("failed", ())
     bench_file = shlex.quote(str(folder.bench_path))
@@ -66,16 +68,16 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
         "angle": judge_angle(folder, result, bench, faults),
     }
     parts = _doubted(parts, result.link)
-    told = [part.reason for part in parts.values() if part.against]
-    # What concerns the board's safety comes before everything else.
-    at = int(parts["safety"].against)
-    reasons = told[:at] + ([stopped] if stopped and not any(stopped in line for line in told) else []) + told[at:]
+    reasons = [Reason(part.reason, part.next or "") for part in parts.values() if part.against]
+    if stopped and not any(stopped in reason.text for reason in reasons):
+        # What concerns the board's safety comes before everything else.
+        reasons.insert(int(parts["safety"].against), Reason(stopped, cure))
     unknown = (*outcome.get("unknown", ()), *outcome.get("plugins", ()))
     remarks = (*stops_survived(outcome), *refused, *unknown, *mishaps(result, counters))
     verdict = _verdict(parts, ended_early)
     holds = None if late is None else held(late, bench, own_setting(bench, min(latency_ticks, 1)))
-    after = start.rpartition(": ")[2] or after_run(verdict, parts, folder, result)
-    return Judgement(verdict, parts, tuple(reasons), remarks, after, holds)
+    after = next_of(reasons) or after_run(verdict, parts, folder, result)
+    return Judgement(verdict, parts, tuple(reason.text for reason in reasons), remarks, after, holds)
 
 
 def judge_again(folder: RunFolder, result: Result) -> Result:
@@ -88,13 +90,15 @@ def judge_again(folder: RunFolder, result: Result) -> Result:
     parts = _doubted({**result.parts, "angle": angle}, result.link)
     others = [reason for reason in result.reasons if reason != before.reason]
     told = [parts["angle"].reason] if parts["angle"].against else []
+    still = others and result.next and result.next != before.next  # the angle comes last
     verdict = _verdict(parts, result.verdict == "interrupted")
+    asked = [Reason(part.reason, part.next or "") for part in parts.values() if part.against]
     return result.model_copy(
         update={
             "parts": parts,
             "reasons": (*others, *told),
             "verdict": verdict,
-            "next": after_run(verdict, parts, folder, result),
+            "next": result.next if still else next_of(asked) or after_run(verdict, parts, folder, result),
         }
     )
 

@@ -1,6 +1,7 @@
 """Whether the reported angle is worth what the bench file asks of it."""
 
 import math
+import shlex
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import NamedTuple
@@ -63,7 +64,7 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequenc
                 f"quadrature too large {percent(oval, 2)}), [limits] invalid_fraction is "
                 f"{percent(limits.invalid_fraction, 2)}"
             )
-            reasons.append(Reason(told))
+            reasons.append(Reason(told, _held_by(folder, bench, "energy" if off >= oval else "quadrature")))
     error = None if result.score is None else result.score.angle_error_end_rad
     if expanded is not None and (contradicted := _contradicted(result, scored, expanded)):
         told = f"the truth contradicts the angle: {contradicted}, and uncertain by {_angle(expanded)}"
@@ -86,6 +87,14 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequenc
         assert expanded is not None
         return part.model_copy(update={"reason": f"uncertain by {_angle(expanded)} (k = 2) at the end"})
     return part
+
+
+def _held_by(folder: RunFolder, bench: Bench, what: str) -> str:
+    """Where to look for why energy or quadrature was not held: in what drives, and in what it goes by."""
+    if bench.loop.mode == "board":
+        return f"write the board's estimator from this bench file: hil generate {shlex.quote(str(folder.bench_path))}"
+    law = "plugin" if bench.controller.plugin is not None else f"{what}_gain"
+    return f"check [device] mass_kg, the gains of sense and drive, and [controller] {law}"
 
 
 def _doubts(

@@ -4,7 +4,7 @@ page.
 
 import re
 import shlex
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from hil.boards.emulation import located
 from hil.errors import InputError
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import Methods
-from hil.records.result import Part, Result, RunVerdict
+from hil.records.result import Part, Reason, Result, RunVerdict
 from hil.records.runfolder import RunFolder, run_of
 from hil.toml.reading import read_table
 from hil.verdict.model import trace_command
@@ -32,12 +32,15 @@ _OF_THE_LOOP = {"--clock": "clock", "--duration": "duration_s", "--seed": "seed"
 _SEVERAL = re.compile(r"\d+ records: ")
 
 
+def next_of(reasons: Sequence[Reason]) -> str:
+    """The cure of the first reason that has one, "" where none has."""
+    return next((reason.cure for reason in reasons if reason.cure), "")
+
+
 def after_run(verdict: RunVerdict, parts: Mapping[str, Part], folder: RunFolder, result: Result) -> str:
-    """What the worst part asks for; else what one does with such a run.  A look at the report where its reasons are to
-    be mended by hand.
+    """What one does with such a run where no reason has a cure.  A look at the report where its reasons are to be
+    mended by hand.
     """
-    if asked := [part.next for part in parts.values() if part.against and part.next]:
-        return asked[0]
     place = shlex.quote(str(folder.path))
     if verdict == "interrupted":
         return f"hil check {place}"

@@ -19,16 +19,17 @@ def judge_safety(outcome: Mapping[str, Any]) -> Part:
     safety: Mapping[str, Any] | None = outcome.get("safety")
     if safety is None or not safety["armed"]:
         return Part(outcome="unknown")
-    stopped = str(outcome.get("stopped", ""))
+    stopped, cure = str(outcome.get("stopped", "")), outcome.get("cure")
     if safety["confirmed"] is False:
         before = _latched(safety, stopped)
         words = safety["words"] + (f"; {before}" if before and before not in safety["words"] else "")
         return Part(outcome="unsafe", reason=f"SAFE was not confirmed: cut the supply of the board; {words}", next=_CUT)
     if safety["latched"]:
         cause = _CAUSE.get(safety["latched"], "ask who, or what, stopped it")
-        return Part(outcome="failed", reason=_latched(safety, stopped), next=cause)
+        return Part(outcome="failed", reason=_latched(safety, stopped), next=cure or cause)
     if safety["broke"]:
-        return Part(outcome="failed", reason=stopped, next="check the board: its supply, its link, its firmware")
+        unknown = "check the board: its supply, its link, its firmware"
+        return Part(outcome="failed", reason=stopped, next=cure or unknown)
     if odd := safety.get("odd"):
         return Part(outcome="failed", reason=f"{'; '.join(odd)}", next=_FIRMWARE)
     if safety["recorder"]:

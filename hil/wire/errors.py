@@ -15,4 +15,8 @@ class LinkClosed(LinkError):
 
 class ProtocolError(WireError, ValueError):
     """The peer speaks, but not this protocol: wrong version or spec, a refused request, a value that does not
-    fit."""
+    fit. `cure`: what to do about it, the last clause of the line; "" where it has none of its own."""
+
+    def __init__(self, what: str, cure: str = "") -> None:
+        super().__init__(f"{what}; {cure}" if cure else what)
+        self.cure = cure

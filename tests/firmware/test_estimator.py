@@ -185,8 +185,14 @@ def test_it_is_scored_and_reported(folder: RunFolder, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        ("2.5:nan", "the board's own estimate at tick 10039: rate is nan, which is no number; correct its estimator"),
-        ("2.5:1e9", "rate is 1e+09 rad/s, out of -1256.62 to 1256.62 for the declared device; correct its estimator"),
+        (
+            "2.5:nan",
+            "the board's own estimate at tick 10039: rate is nan, which is no number; correct the board's estimator",
+        ),
+        (
+            "2.5:1e9",
+            "rate is 1e+09 rad/s, out of -1256.62 to 1256.62 for the declared device; correct the board's estimator",
+        ),
     ],
 )
 def test_an_estimate_that_cannot_be_ends_in_safe_with_one_line(

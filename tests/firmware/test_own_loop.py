@@ -205,6 +205,6 @@ def test_a_nan_of_the_boards_estimator_ends_in_safe_with_one_line(boards: Path, 
     result = folder.result
     assert result is not None
     (told,) = [reason for reason in result.reasons if "the board's own estimate" in reason]
-    assert "rate is nan, which is no number; correct its estimator" in told
+    assert "rate is nan, which is no number; correct the board's estimator" in told
     assert "\n" not in told
     assert result.verdict == "interrupted"

@@ -291,6 +291,35 @@ def test_a_watchdog_that_trips_for_want_of_samples_is_known_by_the_ticks(
     assert ("never late" in words) == (not starved)
 
 
+@pytest.mark.parametrize(
+    ("trouble", "words", "cure"),
+    [
+        ("restarted", "the board restarted: SESSION reads 0", "check the board's supply"),
+        ("mute", "sends no acceptable sample (nothing was lost on the way)", "check the board's SENSE"),
+        (
+            "counter",
+            "sends no acceptable sample (3 frames repeated a sequence number)",
+            "check that the board's sequence counter goes to 65535",
+        ),
+        ("unexplained", "this host was never late", "check WATCHDOG_TICKS and the board's receiver"),
+        ("again", "after it was armed again", "measure the way to the board: hil doctor --link "),
+    ],
+)
+def test_the_end_carries_its_cure(armed: Armed, trouble: str, words: str, cure: str) -> None:
+    if trouble == "restarted":
+        armed.reads[SPEC.registers["SESSION"].id] = 0
+    armed.board.newest = None if trouble in ("mute", "counter") else TICK - 1
+    armed.host.rx.repeated += 3 if trouble == "counter" else 0
+    if trouble == "again":
+        armed.board.safety.rearmed = 3
+        armed.late()
+    with pytest.raises(ProtocolError) as ended:
+        armed.attend(TRIPPED)
+    assert words in str(ended.value)
+    assert ended.value.cure.startswith(cure)
+    assert str(ended.value).endswith(f"; {ended.value.cure}")
+
+
 def test_what_accounted_for_one_stop_does_not_for_the_next(armed: Armed) -> None:
     armed.late()
     assert armed.attend(TRIPPED) is not None
@@ -351,7 +380,7 @@ def test_any_other_reason_ends_the_run_and_is_named(armed: Armed, reason: int) -
 def test_a_link_lost_that_the_board_says_by_itself_accounts_for_nothing(armed: Armed) -> None:
     armed.late()
     armed.lossy()
-    assert "another host" in armed.ends(stopped(SafeReason.LINK_LOST))
+    assert "other host" in armed.ends(stopped(SafeReason.LINK_LOST))
 
 
 @pytest.mark.parametrize("name", list(WRITTEN))
@@ -381,7 +410,7 @@ def test_an_arm_that_is_refused_then_ends_the_run(armed: Armed) -> None:
 @pytest.mark.parametrize(
     ("said", "words"),
     [
-        (Board().identity, "did another host greet it"),
+        (Board().identity, "see that no other host greets the board"),
         (status(99), "state 99, which is not listed"),
     ],
 )
@@ -472,7 +501,7 @@ def test_one_that_had_tripped_is_the_boards_own_stop(armed: Armed) -> None:
     assert (stop.reason, stop.by) == ("WATCHDOG", "board")
     # And a LINK_LOST of its own, later, is not taken for the answer to what the host asked then.
     armed.lossy()
-    assert "another host" in armed.ends(stopped(SafeReason.LINK_LOST))
+    assert "other host" in armed.ends(stopped(SafeReason.LINK_LOST))
 
 
 def test_drives_that_are_all_refused_are_named(armed: Armed) -> None:
@@ -518,7 +547,7 @@ def test_in_lockstep_a_board_that_says_nothing_is_waited_for(patient: Armed) -> 
     assert patient.attend(silent_s=29.0) is None
     assert waited[1:] == [pytest.approx(29.0, abs=0.1)]
     said = patient.ends(silent_s=31.0)
-    assert "said nothing for 31 s; check its supply and the cable ([limits] standstill_s = 30)" in said
+    assert "said nothing for 31 s ([limits] standstill_s = 30); check the board's supply and the cable" in said
     assert patient.far.count(Safe) == 0
 
 

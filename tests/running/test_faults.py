@@ -117,7 +117,7 @@ def test_a_brown_out_stops_the_run_and_is_named(tmp_path: Path, link: str) -> No
     _, result = go(gyro.bench(1.0), f"{link}:{scenario}", tmp_path / "runs")
     assert result.verdict == "interrupted"
     assert "the board restarted: " in result.reasons[0]
-    assert "; check its supply" in result.reasons[0]
+    assert "; check the board's supply" in result.reasons[0]
     assert result.samples == 801
 
 

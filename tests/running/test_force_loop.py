@@ -311,7 +311,7 @@ class Forgetful(SmallBoard):
 @pytest.mark.parametrize(
     ("board", "message"),
     [
-        (Mute(), "inproc: the board fell silent for 0.05 s; check its supply and the cable"),
+        (Mute(), "inproc: the board fell silent for 0.05 s; check the board's supply and the cable"),
         (Forgetful(), "inproc: the board's tick went back from 49 to 0; did it restart?"),
     ],
 )

@@ -393,7 +393,7 @@ def test_an_identity_that_nobody_asked_for_ends_the_run(tmp_path: Path) -> None:
     with served(misbehaving.Introduces(twice=False)) as board:
         reason = ended(go(board, bench(60.0), tmp_path))
     assert "IDENTITY" in reason
-    assert "another host" in reason
+    assert "other host" in reason
     assert (board.arms, board.state) == (1, State.SAFE)
 
 

@@ -167,7 +167,7 @@ def test_a_supply_that_is_lost_on_the_way_ends_in_safe_at_zero(tmp_path, monkeyp
     lost = changed(tmp_path, "[rate]", "[[faults.brown_out]]\nstart_s = 3.0\nduration_s = 0.05\n\n[rate]")
     outcome, folder = run(tmp_path / "run", lost)
     assert folder.trims.volts[-1].max() > 3.0
-    assert "check its supply" in outcome["stopped"]
+    assert "check the board's supply" in outcome["stopped"]
     assert outcome["safety"]["confirmed"] is True
     (board,) = boards
     assert all(board.registers.read(number) == 0 for number in board.registers.trims)
@@ -213,7 +213,7 @@ def test_a_board_that_does_not_put_out_what_it_is_told_ends_the_run(kind, tmp_pa
     monkeypatch.setattr(Board, "_write", write)
     outcome, _ = run(tmp_path / "run", link={"timeout_s": 0.2})
     assert told in outcome["stopped"]
-    assert outcome["stopped"].endswith("check the output and its firmware")
+    assert outcome["stopped"].endswith("check the output and the board's firmware")
     assert outcome["safety"]["confirmed"] is True
 
 

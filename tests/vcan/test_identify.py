@@ -105,7 +105,7 @@ WAYS_OUT: dict[str, tuple[int, str, list[int]]] = {
     "interrupted": (130, "SAFE was confirmed", [SafeReason.INTERRUPTED]),
     "command killed": (-signal.SIGKILL, "", [SafeReason.INTERRUPTED]),
     "loop killed": (2, "the loop's process was killed by SIGKILL; the record so far", [SafeReason.LINK_LOST]),
-    "board killed": (2, "said nothing for 30 s; check its supply", []),
+    "board killed": (2, "said nothing for 30 s", []),
 }
 """Exit code, words, and why the board is SAFE by its own word."""
 

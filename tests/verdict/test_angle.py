@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hil.bench import Bench
+from hil.bench import Bench, override
 from hil.numbers import quantity
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
@@ -34,6 +34,7 @@ def judged(
     rms: float | None = None,
     controlled: bool = True,
     faults: tuple[SenseFault, ...] = (),
+    changes: dict[str, Any] | None = None,
     ratio: float = 1.0,
     scan: Scan | None = None,
     board: Estimates | None = None,
@@ -57,7 +58,7 @@ def judged(
         scan=scan,
         board=apart,
     )
-    return judge_angle(folder, result, bench(controlled=controlled, **limits), faults)
+    return judge_angle(folder, result, override(bench(controlled=controlled, **limits), changes or {}, "test"), faults)
 
 
 STUCK = SenseFault("channel x repeated one code", "check the cable", from_s=1.0, until_s=2.5, voids=True)
@@ -167,7 +168,8 @@ def test_an_angle_that_was_not_valid_for_too_long_has_failed(column: str, usual:
     energy = column == "energy_ratio"
     assert f"energy off target {'11.11' if energy else '0.00'}\u00a0%" in part.reason
     assert f"quadrature too large {'0.00' if energy else '11.11'}\u00a0%" in part.reason
-    assert part.next is None
+    assert part.next is not None
+    assert part.next.endswith(f"[controller] {'energy' if energy else 'quadrature'}_gain")
 
 
 @pytest.mark.parametrize(
@@ -189,7 +191,20 @@ def test_both_count_together() -> None:
 def test_what_fails_twice_says_both_and_what_lowers_the_uncertainty() -> None:
     part = judged(estimates(energy_ratio=2.0), 0.2)
     assert part.reason.index("was not valid 100.00\u00a0%") < part.reason.index("uncertain by 200\u00a0mrad")
-    assert part.next == remedy(LARGEST, bench()).text
+    assert part.next == "check [device] mass_kg, the gains of sense and drive, and [controller] energy_gain"
+
+
+@pytest.mark.parametrize(
+    ("changes", "holds"),
+    [
+        ({"controller": {"plugin": "mine.py:Mine"}}, "[controller] plugin"),
+        ({"loop": {"mode": "board", "block": 40}, "link": {"watchdog_s": 0.2}}, "hil generate"),
+    ],
+)
+def test_what_the_drive_does_not_hold_is_looked_for_in_what_drives(changes: dict[str, Any], holds: str) -> None:
+    part = judged(estimates(energy_ratio=2.0), 0.2, changes=changes)
+    assert part.next is not None
+    assert holds in part.next
 
 
 def test_an_integrated_rate_needs_no_slender_ellipse() -> None:

@@ -38,6 +38,7 @@ def judged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
         stopped: str = "",
         complete: bool = True,
         angled: bool = False,
+        cure: str = "",
         innovation_rms: float | None = None,
         **parts: Part,
     ) -> Judgement:
@@ -51,7 +52,7 @@ def judged(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Any:
         )
         if angled:
             result = result.model_copy(update={"angle": Angle(kind="pattern", rad=1.0)})
-        outcome = {"stopped": stopped, "counters": {}, "refused": ["memory is not locked"]}
+        outcome = {"stopped": stopped, "cure": cure, "counters": {}, "refused": ["memory is not locked"]}
         return verdict.judge(RunFolder(tmp_path / "a run"), result, gyro.bench(), outcome)
 
     return judge
@@ -80,6 +81,12 @@ def test_the_worst_part_says_what_is_next(judged: Any) -> None:
     assert judged(model=BAD["model"], angle=BAD["angle"]).next == "hil trace runs/a"
     hint = Part(outcome="good", reason="confirmed", next="nothing")
     assert judged(safety=hint, model=BAD["model"]).next == "hil trace runs/a"  # a good part asks for nothing
+
+
+def test_the_first_reason_that_has_a_cure_says_what_is_next(judged: Any) -> None:
+    assert judged(stopped="sense x stands still; check it", cure="check it", model=BAD["model"]).next == "check it"
+    assert judged(stopped="stopped on request", model=BAD["model"]).next == "hil trace runs/a"
+    assert judged(stopped="x", cure="check it", safety=BAD["safety"]).next == "look at the board"
 
 
 def test_the_next_command_fits_a_run_where_no_part_asks_for_anything(judged: Any) -> None:

@@ -100,6 +100,12 @@ def test_what_to_do_depends_on_what_latched() -> None:
     assert len(set(acts)) == 3
 
 
+@pytest.mark.parametrize("trouble", ["latched", "broke"])
+def test_what_comes_next_is_the_cure_of_what_ended_the_run(trouble: str) -> None:
+    told = outcome("it restarted; check the board's supply", confirmed=True, **TROUBLE[trouble])
+    assert judge_safety(told | {"cure": "check the board's supply"}).next == "check the board's supply"
+
+
 def test_a_recorder_that_died_and_a_wrong_sign_are_told_in_any_case() -> None:
     assert "No space left on device" in judged(confirmed=True, **TROUBLE["recorder"]).reason
     sign = TROUBLE["signs"]["signs"]

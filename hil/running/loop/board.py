@@ -64,7 +64,7 @@ class BoardLoop(BlockLoop):
         wrong = self._said_by_it.take(unwrap(estimate.tick, near), estimate, driving=bool(self._permit.permitted))
         self.counters.estimates = self._said_by_it.count
         if wrong:
-            raise ProtocolError(f"{self._name}: {wrong}")
+            raise ProtocolError(f"{self._name}: {wrong}", "correct the board's estimator")
 
     def _said(self) -> list[Message]:
         self._heard()
@@ -118,7 +118,7 @@ class BoardEstimates:
         within what a device as declared can be.
         """
         if wrong := self._wrong(estimate, driving=driving):
-            return f"the board's own estimate at tick {tick}: {wrong}; correct its estimator"
+            return f"the board's own estimate at tick {tick}: {wrong}"
         if tick <= self._newest:
             return ""  # said again, or from before a stop
         self._newest = tick

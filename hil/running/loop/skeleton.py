@@ -32,6 +32,7 @@ from hil.wire.messages import Identity, Message, SafeReason, Status
 RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
 _AT_ONCE = 0.1  # of the time between two answers: samples that come within it had been waiting for this host
+_FIRMWARE = "correct the board's firmware"
 _AHEAD = 1.5  # by which a board's ticks may run ahead of this host's clock
 NOTHING_WRITTEN: Mapping[str, float] = MappingProxyType({})
 
@@ -319,7 +320,8 @@ class Loop(ABC):
         if skipped > (0 if self._lockstep else self._long_gap):
             raise ProtocolError(
                 f"{self._name}: the board's tick jumped from {before} to {tick}, of which no frame is missing for "
-                f"{count(skipped)}; correct its firmware"
+                f"{count(skipped)}",
+                _FIRMWARE,
             )
         if self._lockstep:
             # An emulated line that loses a frame lets its tick pass without an answer, as it would on wall time; a
@@ -328,15 +330,16 @@ class Loop(ABC):
             if not counters.rearmed and (unanswered or tick - self._first > (self._drives + frames) * self._block):
                 raise ProtocolError(
                     f"{self._name}: the board's tick jumped from {before} to {tick} in lockstep, after "
-                    f"{counted(self._drives, 'drive')}, each of which lets it go on by {self._block}; correct its "
-                    "firmware"
+                    f"{counted(self._drives, 'drive')}, each of which lets it go on by {self._block}",
+                    _FIRMWARE,
                 )
             return
         elapsed_s = 1e-9 * (time.monotonic_ns() - self._begun_ns)
         if missing > self._long_gap and (tick - self._first) / self._rate_Hz > _AHEAD * elapsed_s + 1.0:
             raise ProtocolError(
                 f"{self._name}: the board's tick jumped from {before} to {tick}, {elapsed_s:.3g} s after ARM, which is "
-                f"{count(round(elapsed_s * self._rate_Hz))} ticks; correct its firmware"
+                f"{count(round(elapsed_s * self._rate_Hz))} ticks",
+                _FIRMWARE,
             )
 
     def _missing_frames(self) -> int:

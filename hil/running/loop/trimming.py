@@ -176,7 +176,7 @@ class Trimming:
     def _end(self, k: int, what: str) -> None:
         output = self._outputs[k]
         told = f"trim output {output.told.name!r}, {output.register}, {what}"
-        raise ProtocolError(f"{self._endpoint.link.name}: {told}; check the output and its firmware")
+        raise ProtocolError(f"{self._endpoint.link.name}: {told}", "check the output and the board's firmware")
 
     # -- control -----------------------------------------------------------------------------------------------------
 

@@ -98,7 +98,7 @@ class TurnLoop(Loop):
                 case Why.FULL:
                     self._full()
                 case Why.ODD:
-                    raise ProtocolError(f"{self._name}: {self._odd()}; correct its firmware")
+                    raise ProtocolError(f"{self._name}: {self._odd()}", "correct the board's firmware")
                 case Why.BEYOND:
                     raise BeyondLimits(f"{self._refused()}: nothing was sent; check the observer")
 

@@ -216,6 +216,7 @@ def _loop(
         "counters": counters,
         "unknown": unknown_parts(identity, rx.passed_over),
         "stopped": driven.why_stopped,
+        "cure": driven.cure,
         "failed": driven.failed,
         "refused": driven.refused,
         **({} if driven.load is None else {"load": driven.load}),
@@ -270,6 +271,7 @@ class _Driven:
         self._board = identity.unique_id
         self._done = 0
         self.stopped = ""
+        self.cure = ""
         self.failed: list[str] = []
         self.refused: list[str] = []
         self.armed: Status | None = None
@@ -368,12 +370,12 @@ class _Driven:
         if isinstance(failed, WireError):
             self.stopped, self.failed = str(failed), _kinds(failed)
             if isinstance(failed, ProtocolError):
-                loop.safety.broke = str(failed)
+                loop.safety.broke, self.cure = str(failed), failed.cure
         elif failed is not None:  # of a file: the record is part of the run
             loop.safety.recorder = line_of(failed)
             self.stopped = f"the record ended: {loop.safety.recorder}"
         elif loop.wrong:
-            self.stopped = f"nothing was driven: {loop.wrong}"
+            self.stopped, self.cure = f"nothing was driven: {loop.wrong}", loop.wrong.rpartition("; ")[2]
         elif loop.counters.residual_safe:
             self.stopped = f"the innovation exceeded [limits] residual_safe = {limits.residual_safe:g} × the noise"
         elif loop.stop:

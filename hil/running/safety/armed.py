@@ -45,7 +45,7 @@ _STATES = frozenset(map(int, State))
 _STREAMING = (State.ARMED, State.RUNNING)
 _ARM_REFUSED = {
     "LATCHED": "its own protection (FAULT) has tripped, or a stop latched; find the cause",
-    "BAD_STATE": "it was not greeted since its start; if it restarted, check its supply",
+    "BAD_STATE": "it was not greeted since its start; if it restarted, check the board's supply",
     "NOT_SUPPORTED": "it cannot run like this; a board without latency needs lockstep or gain mode",
     "OUT_OF_RANGE": "a register does not suit it; look at [loop] filter",
 }
@@ -197,11 +197,14 @@ class ArmedBoard:
         for message in said:
             if isinstance(message, Identity):
                 self._end(
-                    "the board said IDENTITY, which answers HELLO, and this host said none: did another host greet it?"
+                    "the board said IDENTITY, which answers HELLO, and this host said none",
+                    "see that no other host greets the board",
                 )
             if isinstance(message, Status):
                 if message.state not in _STATES:
-                    self._end(f"STATUS gives state {message.state}, which is not listed; correct its firmware")
+                    self._end(
+                        f"STATUS gives state {message.state}, which is not listed", "correct the board's firmware"
+                    )
                 if message.state == State.RUNNING:
                     self.running = unwrap(message.tick, self._endpoint.rx.tick)
                 stopped = None if message.state in _STREAMING else message
@@ -221,7 +224,8 @@ class ArmedBoard:
             status = client.make_safe(self._endpoint, SafeReason.LINK_LOST, patience_s)
         except LinkError:
             raise ProtocolError(
-                f"{self._name}: the board fell silent for {self._silence_s:g} s; check its supply and the cable"
+                f"{self._name}: the board fell silent for {self._silence_s:g} s",
+                "check the board's supply and the cable",
             ) from None
         self._safe_sent = True
         return status
@@ -238,8 +242,9 @@ class ArmedBoard:
             return self._ask_safe(self._silence_s)
         if silent_s >= self._standstill_s:
             raise ProtocolError(
-                f"{self._name}: the board has said nothing for {silent_s:.0f} s; check its supply and the cable "
-                f"([limits] standstill_s = {self._standstill_s:g})"
+                f"{self._name}: the board has said nothing for {silent_s:.0f} s ([limits] standstill_s = "
+                f"{self._standstill_s:g})",
+                "check the board's supply and the cable",
             )
         if now_ns - self._asked_ns >= 1e9 * self._silence_s:
             self._asked_ns = now_ns
@@ -252,27 +257,31 @@ class ArmedBoard:
         What it says to ARM.
         """
         if status.state != State.SAFE:
-            self._end(f"the board restarted: it is in {State(status.state).name}; check its supply")
+            self._end(f"the board restarted: it is in {State(status.state).name}", "check the board's supply")
         if status.reason in LATCHING or status.reason not in (SafeReason.WATCHDOG, SafeReason.LINK_LOST):
             self._latch(stop, status.reason)
         if status.reason == SafeReason.WATCHDOG:
             stop.account = self.account.of_watchdog(status)
-            unexplained = f"its watchdog tripped, yet {self.account.words}; check WATCHDOG_TICKS and its receiver"
+            why, cure = (
+                f"its watchdog tripped, yet {self.account.words}",
+                "check WATCHDOG_TICKS and the board's receiver",
+            )
             if self.account.refused or self._unsampled(stop):
-                unexplained = self._unacceptable()
+                why, cure = self._unacceptable()
         elif asked:
             stop.account = self.account.of_silence(status)
-            unexplained = self._unacceptable()
+            why, cure = self._unacceptable()
         else:
-            unexplained = "the link was lost, it says; did another host greet it?"
+            why, cure = "the link was lost, it says", "see that no other host greets the board"
         # A restart looks like a silence, too, and says more.
         require_unchanged(self._endpoint, self._registers, self._silence_s)
         if not stop.account:
-            self._end(f"the board went to SAFE: {unexplained}")
+            self._end(f"the board went to SAFE: {why}", cure)
         if self.safety.rearmed >= self._rearm:
             self._end(
                 f"the board went to SAFE once more ({stop.reason}: {stop.account}) after it was armed again "
-                f"{self.safety.rearmed} times, [limits] rearm is {self._rearm}"
+                f"{self.safety.rearmed} times, [limits] rearm is {self._rearm}",
+                f"measure the way to the board: hil doctor --link {self._name}",
             )
         armed = self._arm()
         self.account.begin(armed)
@@ -287,14 +296,18 @@ class ArmedBoard:
         three blocks long."""
         return self.newest is None or stop.tick - self.newest >= 0.5 * self._registers["WATCHDOG_TICKS"]
 
-    def _unacceptable(self) -> str:
-        """Why a board that answers was told to stop."""
-        refused = self.account.refused
-        what = f"{refused} frames were unknown or contradicted themselves" if refused else "nothing was lost on the way"
+    def _unacceptable(self) -> tuple[str, str]:
+        """Why a board that answers was told to stop, and what to do about it."""
+        what, cure = "nothing was lost on the way", "check the board's SENSE"
         if self._refusals:
             reason, times = self._refusals.most_common(1)[0]
             what = f"it refused {times} drives, {client.nack_name(reason)}"
-        return f"it answers, but sends no acceptable sample ({what}); check its SENSE"
+        elif refused := self.account.refused:
+            what = f"{refused} frames were unknown or contradicted themselves"
+        elif repeated := self.account.repeated:
+            what = f"{repeated} frames repeated a sequence number"
+            cure = "check that the board's sequence counter goes to 65535"
+        return f"it answers, but sends no acceptable sample ({what})", cure
 
     def _latch(self, stop: Stop, reason: int) -> NoReturn:
         if reason == SafeReason.FAULT:
@@ -306,8 +319,8 @@ class ArmedBoard:
             what = f"the board stopped{self._when(stop)} and gives {stop.reason}"
         self._end(f"{what}; find the cause before it is armed again")
 
-    def _end(self, what: str) -> NoReturn:
-        raise ProtocolError(f"{self._name}: {what}")
+    def _end(self, what: str, cure: str = "") -> NoReturn:
+        raise ProtocolError(f"{self._name}: {what}", cure)
 
     def _note(self, status: Status, by: str) -> Stop:
         stop = Stop(reason_name(status.reason), by, unwrap(status.tick, self._endpoint.rx.tick))
@@ -331,7 +344,7 @@ class ArmedBoard:
         except client.Refused as refusal:
             names = {member.value: member.name for member in NackReason}
             what = _ARM_REFUSED.get(names.get(refusal.reason, ""), "")
-            raise ProtocolError(f"{refusal}; {what}" if what else str(refusal)) from None
+            raise ProtocolError(str(refusal), what) from None
 
 
 class Account:
@@ -353,7 +366,7 @@ class Account:
         """The board has been armed and said `status`: what comes from now on counts."""
         rx = self._endpoint.rx
         self._base = rx.lost, rx.decoder.bad, self._missed(status)
-        self._refused = rx.undecodable
+        self._refused, self._repeated = rx.undecodable, rx.repeated
         self._silent_ns = 0
         self._held = self._held_run = 0
         self._held_next: int | None = None  # the tick with which the run goes on
@@ -381,6 +394,11 @@ class Account:
     def refused(self) -> int:
         """Intact frames that no host could take; their sender keeps this host silent."""
         return self._endpoint.rx.undecodable - self._refused
+
+    @property
+    def repeated(self) -> int:
+        """Frames that were dropped because their number had passed."""
+        return self._endpoint.rx.repeated - self._repeated
 
     def of_silence(self, status: Status | None) -> str:
         """What accounts for samples that stopped coming: frames that were lost or damaged on the line."""

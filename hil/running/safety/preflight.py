@@ -205,7 +205,9 @@ def require_unchanged(endpoint: Endpoint, registers: Mapping[str, float], timeou
     for name in sorted(registers, key=lambda name: name != "SESSION"):
         held = client.read_register(endpoint, name, timeout_s)
         if held != registers[name]:
-            raise ProtocolError(f"{endpoint.link.name}: {differs(name, held, registers[name])}; check its supply")
+            raise ProtocolError(
+                f"{endpoint.link.name}: {differs(name, held, registers[name])}", "check the board's supply"
+            )
 
 
 def require_clock(endpoint: Endpoint) -> None:
