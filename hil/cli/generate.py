@@ -1,5 +1,6 @@
 """``hil generate``: the estimator of a bench file as C for a board."""
 
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -66,12 +67,13 @@ def generate(
     )
     taken = done.sizes
     if json:
-        told = None if taken is None else {"flash_bytes": taken.flash_bytes, "struct_bytes": taken.struct_bytes}
+        told = None if taken is None else asdict(taken)
         print_json({"folder": str(done.folder), "files": list(done.files), "cortex_m7": told})
         return
     say(f"{done.folder}: {', '.join(done.files)}")
     if taken is None:
         say("  sizes unknown: no arm-none-eabi-gcc; sudo apt install gcc-arm-none-eabi libnewlib-arm-none-eabi")
     else:
-        say(f"  on a Cortex-M7 at -O2: {taken.flash_bytes} bytes of code and constants, {taken.struct_bytes} of memory")
+        memory = f"{taken.struct_bytes} of memory, {taken.stack_bytes or 'unknown'} of stack"
+        say(f"  on a Cortex-M7 at -O2: {taken.flash_bytes} bytes of code and constants, {memory}")
     say(f"  next: make -C {done.folder} test")

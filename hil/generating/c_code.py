@@ -4,6 +4,7 @@ import hashlib
 import math
 import os
 import platform
+import re
 import shutil
 import subprocess
 import tempfile
@@ -35,10 +36,13 @@ _COMPILER = "arm-none-eabi-gcc"
 
 @dataclass(frozen=True)
 class Sizes:
-    """Bytes on a Cortex-M7 at -O2: code with its constants, without the mathematical library; the struct."""
+    """Bytes on a Cortex-M7 with an FPU for doubles at -O2, without the mathematical library: code with its constants;
+    the struct; the stack of a step, None with a GCC before 10.
+    """
 
     flash_bytes: int
     struct_bytes: int
+    stack_bytes: int | None
 
 
 def sizes(folder: Path) -> Sizes | None:
@@ -51,19 +55,31 @@ def sizes(folder: Path) -> Sizes | None:
         told = {}
         for name, source in (("code", folder / "gyro_estimator.c"), ("struct", probe)):
             out = Path(place) / f"{name}.o"
-            command = [_COMPILER, *_TARGET, "-std=c99", "-O2", "-ffp-contract=off", f"-I{folder}", "-c", "-o"]
-            subprocess.run([*command, str(out), str(source)], check=True, capture_output=True)
+            command = [_COMPILER, *_TARGET, "-std=c99", "-O2", "-ffp-contract=off", f"-I{folder}", "-c"]
+            command += ["-o", str(out), str(source)]
+            subprocess.run(command, check=True, capture_output=True)
+            subprocess.run([*command, "-fcallgraph-info=su"], check=False, capture_output=True)
             line = subprocess.run(["arm-none-eabi-size", str(out)], check=True, capture_output=True, text=True).stdout
             told[name] = [int(number) for number in line.splitlines()[1].split()[:3]]
-    return Sizes(sum(told["code"][:2]), told["struct"][2])
+        graph = Path(place) / "code.ci"
+        calls = graph.read_text("utf-8") if graph.exists() else ""
+    stack = max(_stack(calls, name) for name in ("estimator_step", "estimator_step_codes")) or None
+    return Sizes(sum(told["code"][:2]), told["struct"][2], stack)
+
+
+def _stack(calls: str, function: str) -> int:
+    """Bytes of a function's deepest path in what -fcallgraph-info=su says; 0 for one of a library."""
+    own = {name: int(size) for name, size in re.findall(r'title: "([^"]+)" label: "[^"]*?(\d+) bytes', calls)}
+    called = re.findall(r'sourcename: "([^"]+)" targetname: "([^"]+)"', calls)
+    return own.get(function, 0) + max((_stack(calls, to) for by, to in called if by == function), default=0)
 
 
 @dataclass(frozen=True)
 class Golden:
     """What was sensed and applied (n + 1, 2), what the bench's observer answered (n + 1, 2), in codes; its angle (n,)
     in rad; its state and deviations after sample n, SI, deviations of what is declared below 0; and samples without
-    drive at the start.  The last row is a sample far outside the range, which the drive answers at its limit, of
-    either sign.
+    drive at the start.  Some samples are missing, on both axes and on one.  The last row is a sample far outside the
+    range, which the drive answers at its limit, of either sign.
     """
 
     sense: NDArray[np.int32]
@@ -85,8 +101,9 @@ def golden(observer: Observer, samples: int, quiet: int) -> Golden:
     angle = np.zeros(samples)
     for m in range(samples):
         sense[m], applied[m] = loop.sample()
+        sense[m, : 2 if m in _GONE else 1 if m in _GONE_X else 0] = MISSING
         observer.enable_control(m >= quiet)
-        drive[m] = observer.tick(*map(float, sense[m]), *map(float, applied[m]))
+        drive[m] = observer.tick(*_sensed(sense[m]), *map(float, applied[m]))
         loop.answer((int(drive[m, 0]), int(drive[m, 1])))
         angle[m] = observer.newest["angle"]
     state, deviation = observer.reading()
@@ -97,6 +114,10 @@ def golden(observer: Observer, samples: int, quiet: int) -> Golden:
     return Golden(sense, applied, drive, angle, np.array(state), told, quiet)
 
 
+def _sensed(codes: NDArray[np.int32]) -> list[float]:
+    return [math.nan if code == MISSING else float(code) for code in codes]
+
+
 def rounding(observer: Observer, vectors: Golden, swing_mps2: float) -> int:
     """By how many codes in all the drive may differ in 32 bits: what rounding state and covariances to them after each
     sample makes of the answers in double, and the roundings of the control law itself, independent ones of terms as
@@ -105,7 +126,7 @@ def rounding(observer: Observer, vectors: Golden, swing_mps2: float) -> int:
     arrays, apart = observer.arrays, 0
     for m, (sensed, applied, drive) in enumerate(zip(vectors.sense[:-1], vectors.applied, vectors.drive, strict=False)):
         observer.enable_control(m >= vectors.quiet)
-        apart += int(np.abs(observer.tick(*map(float, sensed), *map(float, applied)) - drive).sum())
+        apart += int(np.abs(observer.tick(*_sensed(sensed), *map(float, applied)) - drive).sum())
         for array in (arrays.x, arrays.p, arrays.c):
             array[:] = array.astype(np.float32)
     each = math.sqrt(_LAW_ROUNDINGS) * 2.0**-24 * swing_mps2 / observer.drive_quantum
@@ -116,6 +137,9 @@ _SAMPLES = 2000
 _QUIET = 200
 _SETTLED = 600
 _FAR = (1 << 20, 1 << 20)
+_GONE, _GONE_X = range(420, 430), range(440, 450)
+MISSING = -(2**31)
+"""GYRO_MISSING: a code that the board does not have."""
 _LAW_ROUNDINGS = 18
 """Nine terms of the control law on an axis, each a product and a sum."""
 _TOLERANCES = {False: (0, 1e-9, 1e-6), True: (_SETTLED, 1e-4, 1.0)}
@@ -172,6 +196,7 @@ def generate(
         "BENCH": place,
         "SAMPLE_RATE": decimal(bench.device.sample_rate_Hz),
         "LATENCY": str(identity.latency_ticks),
+        "ACQUISITION": str(math.ceil(bench.observer.acquisition_s * bench.device.sample_rate_Hz)),
         "SENSE_SCALE": decimal(identity.sense_scale_V),
         "DRIVE_SCALE": decimal(identity.drive_scale_mps2),
         "DRIVE_LIMIT": decimal(drive_limit_of(bench, identity) * identity.drive_scale_mps2),
@@ -199,7 +224,11 @@ def generate(
     told = (
         ""
         if taken is None
-        else (f"\nOn a Cortex-M7 at -O2: {taken.flash_bytes} bytes of code, {taken.struct_bytes} of memory.\n")
+        else (
+            f"\nOn a Cortex-M7 ({' '.join(_TARGET[2:])}) at -O2, in bytes: {taken.flash_bytes} of code and constants,\n"
+            f"{taken.struct_bytes} of memory (the struct), {taken.stack_bytes or 'unknown'} of stack for a step.\n"
+            "The mathematical library comes on top; so do software doubles where the FPU computes floats only.\n"
+        )
     )
     write_text(folder / "README.txt", filled("README.txt", {**facts, "SAMPLES": str(_SAMPLES), "SIZES": told}))
     packed = (write_fmu(folder, made(), title, facts["PRODUCT"]),) if fmu else ()

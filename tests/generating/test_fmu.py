@@ -17,7 +17,7 @@ import hil
 from estimator.observer import Observer
 from hil.bench import Bench, load_bench
 from hil.errors import InputError
-from hil.generating.c_code import Golden, golden
+from hil.generating.c_code import MISSING, Golden, golden
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from tests.made_once import made_once
@@ -88,7 +88,8 @@ def test_it_computes_what_the_bench_computes(unit: Path, vectors: tuple[Observer
         outputs = [names[name] for name in ("drive_x", "drive_y", "angle")]
         found = np.zeros((len(expected.angle), 3))
         for m in range(len(found)):
-            sensed, applied = expected.sense[m] * volts, expected.applied[m] * force
+            sensed = np.where(expected.sense[m] == MISSING, np.nan, expected.sense[m] * volts)
+            applied = expected.applied[m] * force
             slave.setFloat64(inputs, [*sensed, *applied])
             slave.setBoolean([names["drive_on"]], [m >= expected.quiet])
             slave.doStep(m * STEP_S, STEP_S)

@@ -15,7 +15,7 @@ import hil
 from estimator.observer import Observer
 from hil.bench import load_bench, override
 from hil.errors import InputError
-from hil.generating.c_code import golden
+from hil.generating.c_code import MISSING, golden
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from tests.forked import hil_says
@@ -106,16 +106,61 @@ def test_the_golden_test_fails_where_the_drive_codes_are_wrong(float32: bool, tm
         assert done.returncode == 1, name
 
 
-@pytest.mark.slow
-def test_double_is_the_bench_to_the_last_bit(tmp_path: Path) -> None:
-    bench = load_bench(EXAMPLES / "s-slow.bench.toml")
-    hil.generate(bench, out=tmp_path)
-    library = tmp_path / "library.so"
-    subprocess.run(["cc", *STRICT, "-shared", "-fPIC", "-o", library, tmp_path / "gyro_estimator.c", "-lm"], check=True)
+def loaded(folder: Path) -> tuple[ctypes.CDLL, Any]:
+    """What was generated as a library, and an estimator of it."""
+    library = folder / "library.so"
+    subprocess.run(["cc", *STRICT, "-shared", "-fPIC", "-o", library, folder / "gyro_estimator.c", "-lm"], check=True)
     theirs = ctypes.CDLL(str(library))
     theirs.gyro_estimator_size.restype = ctypes.c_size_t
     estimator = ctypes.create_string_buffer(theirs.gyro_estimator_size())
     theirs.gyro_estimator_init(estimator)
+    return theirs, estimator
+
+
+@pytest.mark.slow
+def test_a_missing_drive_is_the_one_that_was_asked_for_and_poisons_nothing(tmp_path: Path) -> None:
+    """In codes and in SI: the same answers as with the drive that acted."""
+    hil.generate("s-slow", out=tmp_path)
+    bench = load_bench(EXAMPLES / "s-slow.bench.toml")
+    identity = assumed_board(bench, 1, None, None)
+    device = board_device_of(bench), observer_settings_of(bench), controller_settings_of(bench, identity)
+    vectors = golden(Observer(*device), 600, 200)
+    codes, reals = ctypes.c_int32 * 2, ctypes.c_double * 2
+    drive, forces, angle = codes(), reals(), ctypes.c_double()
+    theirs, in_codes = loaded(tmp_path)
+    in_si = ctypes.create_string_buffer(theirs.gyro_estimator_size())
+    theirs.gyro_estimator_init(in_si)
+    for m in range(len(vectors.angle)):
+        on, gone = int(m >= vectors.quiet), m % 50 == 7
+        sense = codes(*map(int, vectors.sense[m]))
+        applied = [MISSING, MISSING] if gone else [int(code) for code in vectors.applied[m]]
+        theirs.estimator_step_codes(in_codes, sense, codes(*applied), on, drive)
+        assert tuple(drive) == tuple(vectors.drive[m])
+        volts = reals(*(np.nan if code == MISSING else code * identity.sense_scale_V for code in sense))
+        acted = reals(np.inf, np.nan) if gone else reals(*(code * identity.drive_scale_mps2 for code in applied))
+        theirs.estimator_step(in_si, volts, acted, on, forces, ctypes.byref(angle))
+        assert abs(angle.value - vectors.angle[m]) < 1e-9
+
+
+@pytest.mark.slow
+def test_what_the_caller_has_to_know_is_in_the_header_and_the_readme(tmp_path: Path) -> None:
+    bench = override(load_bench(EXAMPLES / "s-slow.bench.toml"), {"observer": {"acquisition_s": 0.0301}}, "test")
+    made = hil.generate(bench, out=tmp_path)
+    header = (tmp_path / "gyro_estimator.h").read_text()
+    assert "#define GYRO_ACQUISITION_SAMPLES 121 " in header
+    assert "#define GYRO_MISSING INT32_MIN " in header
+    if made.sizes is None:
+        pytest.skip("arm-none-eabi-gcc is missing")
+    assert 500 < (made.sizes.stack_bytes or 0) < made.sizes.flash_bytes
+    assert f"{made.sizes.stack_bytes} of stack" in (tmp_path / "README.txt").read_text()
+    assert "fpv5-d16" in (tmp_path / "README.txt").read_text()
+
+
+@pytest.mark.slow
+def test_double_is_the_bench_to_the_last_bit(tmp_path: Path) -> None:
+    bench = load_bench(EXAMPLES / "s-slow.bench.toml")
+    hil.generate(bench, out=tmp_path)
+    theirs, estimator = loaded(tmp_path)
     observer = Observer(
         board_device_of(bench),
         observer_settings_of(bench),
@@ -124,6 +169,7 @@ def test_double_is_the_bench_to_the_last_bit(tmp_path: Path) -> None:
     vectors = golden(observer, 3000, 300)
     two = ctypes.c_int32 * 2
     drive = two()
+    assert (vectors.sense == MISSING).any(axis=0).all()
     for m in range(len(vectors.angle)):
         sense, applied = (two(*map(int, rows[m])) for rows in (vectors.sense, vectors.applied))
         theirs.estimator_step_codes(estimator, sense, applied, int(m >= vectors.quiet), drive)

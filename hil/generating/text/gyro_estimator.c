@@ -47,9 +47,12 @@ void gyro_estimator_init(gyro_estimator *estimator)
     workspace_begin(&estimator->work, &settings, ESTIMATED);
 }
 
-/* z and u are scaled. */
-static void observe(gyro_estimator *estimator, const real z[2], const real u[2])
+/* z and u are scaled. A drive that is not finite is missing: it becomes the one that was asked for. */
+static void observe(gyro_estimator *estimator, const real z[2], real u[2])
 {
+    for (int i = 0; i < 2; i++)
+        if (!isfinite(u[i]))
+            u[i] = estimator->memory.queue[0][i];
     const Observer observer = {
         .count = ESTIMATED - 4, .n = ESTIMATED, .width = filled_up(ESTIMATED), .total = TOTAL, .angles = @ANGLES@,
         .phases = @PHASES@, .settings = &settings, .memory = &estimator->memory, .active = active,
@@ -106,8 +109,8 @@ void estimator_step_codes(gyro_estimator *estimator, const int32_t sense[2], con
     real z[2], u[2];
     double codes[2];
     for (int i = 0; i < 2; i++) {
-        z[i] = (real)sense[i] * settings.sense_scale[i];
-        u[i] = (real)applied[i] * settings.quantum;
+        z[i] = sense[i] == GYRO_MISSING ? (real)NAN : (real)sense[i] * settings.sense_scale[i];
+        u[i] = applied[i] == GYRO_MISSING ? (real)NAN : (real)applied[i] * settings.quantum;
     }
     observe(estimator, z, u);
     drive(estimator, drive_on, codes);

@@ -7,7 +7,20 @@
  *
  *     static gyro_estimator estimator;
  *     gyro_estimator_init(&estimator);
- *     at every sample:  estimator_step(&estimator, sense_V, applied_mps2, 1, drive_mps2, &angle_rad);
+ *     at every sample:  estimator_step(&estimator, sense_V, applied_mps2, drive_on, drive_mps2, &angle_rad);
+ *
+ * One call a sample, without exception: each call moves the model on by one period of GYRO_SAMPLE_RATE_HZ. Where a call is
+ * left out, the estimate lags behind the device by a sample, and the angle may be off by a hundredth of a radian. Where
+ * there is no sample, call with NaN, or with GYRO_MISSING in codes; each axis may be missing by itself.
+ *
+ * Pass NaN or GYRO_MISSING, too, for a sample at either end of the converter's range, and for a channel that you know to
+ * be stuck. The estimator cannot tell them from a signal: the angle would be wrong while `valid` is 1.
+ *
+ * A drive applied that is NaN, infinite or GYRO_MISSING is taken for the one that the controller asked for. Any other
+ * number is believed. A voltage or drive of absurd size can make the state not finite, for good: then the angle is not
+ * finite and `valid` is 0; call gyro_estimator_init again.
+ *
+ * drive_on: 0 for the first GYRO_ACQUISITION_SAMPLES samples after gyro_estimator_init, and while no drive is applied.
  */
 #ifndef GYRO_ESTIMATOR_H
 #define GYRO_ESTIMATOR_H
@@ -30,6 +43,8 @@ typedef int32_t gyro_whole;
 #define GYRO_SENSE_SCALE_V @SENSE_SCALE@ /* volts of a sense code */
 #define GYRO_DRIVE_SCALE_MPS2 @DRIVE_SCALE@ /* force per mass of a drive code, m/s2 */
 #define GYRO_DRIVE_LIMIT_MPS2 @DRIVE_LIMIT@ /* no drive is larger */
+#define GYRO_ACQUISITION_SAMPLES @ACQUISITION@ /* without drive, until the observer has found the motion: acquisition_s */
+#define GYRO_MISSING INT32_MIN /* a sense code or an applied code that there is not */
 
 /* Entries of the state. */
 enum { GYRO_X, GYRO_VX, GYRO_Y, GYRO_VY, GYRO_PHI_X, GYRO_PHI_Y, GYRO_RATE, GYRO_KXX, GYRO_KYY, GYRO_KXY, GYRO_DXX,
@@ -55,7 +70,8 @@ typedef struct gyro_estimate {
     gyro_real angle_deviation_rad; /* by estimation alone, since @REFERENCE@ s */
     gyro_real energy_ratio;        /* energy of the vibration over its set point */
     gyro_real quadrature_ratio;    /* quadrature over the energy */
-    int valid;                     /* both within the limits of the bench file: the angle means something */
+    int valid;                     /* both within the limits of the bench file: the angle means something, if what was
+                                      passed was what the converters saw */
 } gyro_estimate;
 
 /* GYRO_ESTIMATOR_VERSION and sizeof (gyro_estimator) of what was compiled: both must be the caller's. */
@@ -64,7 +80,7 @@ size_t gyro_estimator_size(void);
 
 void gyro_estimator_init(gyro_estimator *estimator);
 
-/* The observer: sense_V sampled at tick m (NaN: none), applied_mps2 held over the interval that ends at m. */
+/* The observer: sense_V sampled at tick m (NaN: none), applied_mps2 held over the interval that ends at m (NaN: as asked). */
 void observer_step(gyro_estimator *estimator, const gyro_real sense_V[2], const gyro_real applied_mps2[2]);
 
 /* The controller: the drive for the interval that begins at m + GYRO_LATENCY, in whole codes of GYRO_DRIVE_SCALE_MPS2
