@@ -89,8 +89,10 @@ def contributions(
     strange = [item for item in found if not _constants_of(item)]
     if information is not None and (scan is None or _holds(scan, strange)):
         known = bench.device.known
-        remains = _left(information, {name: item.u for name, item in known.items()})
-        left = {source_of(name): contribution for name, contribution in remains.items()}
+        u = {name: item.u for name, item in known.items()}
+        left = {source_of(name): contribution for name, contribution in _left(information, u).items()}
+        if bench.observer.plugin == CLASSIC:  # what a constant does depends on where their pattern was
+            declared |= {source_of(name): contribution for name, contribution in _moved(information, u).items()}
         beyond = _beyond(bench, information if strange else replace(information, found=None))
     else:  # of a model that lacks something a scan is a rough guide: what is declared counts whole, and what it found
         left, beyond = {}, _lacking(strange)
@@ -185,7 +187,9 @@ def _rows(
             how = f"¼ of a difference between the axes, √2 of them, for {quantity(course.seconds, 's')}"
         elif source != ESTIMATION:
             value, unit, assumed = known[source]
-            how = f"{words[source]} = {quantity(contribution, 'rad', 2)}"
+            by_scan = bench.observer.plugin == CLASSIC and source in left
+            how = "of each axis × what it does to these loops' angle, by the scan" if by_scan else words[source]
+            how += f" = {quantity(contribution, 'rad', 2)}"
         if source in found:
             how += f"; the scan found {quantity(found[source], 'rad', 2)}"
         elif source in left:
@@ -268,6 +272,16 @@ def _lacking(items: list[Lacking]) -> list[Contribution]:
             contribution_rad=contribution,
         )
     ]
+
+
+def _moved(information: "Information", declared: Mapping[str, float]) -> dict[str, float]:
+    """What each tested constant contributes as declared, rad, by name, as the scan followed the angle."""
+    joint = with_clock(information)
+    return {
+        name: u * float(np.linalg.norm(joint.sensitivity[-1, joint.columns(SYMBOLS[name])]))
+        for name, u in declared.items()
+        if name in SYMBOLS and all(map(joint.watches, SYMBOLS[name]))
+    }
 
 
 def _left(information: "Information", declared: Mapping[str, float]) -> dict[str, float]:

@@ -29,18 +29,22 @@ class Sources:
         self._known = frozenset(known)
         self._calibration = Calibration(**{name: item.u for name, item in known.items()})
         self._angular_gain = bench.device.calibration.angular_gain
+        self._held = bench.controller.mode in ("force_to_rebalance", "mode_reversal")
         self._driven = 1.0 if bench.controller.enabled else 0.0
         self.damping_sd_per_s = _damping_sd_per_s(bench)
 
     def course(
         self, seconds: Number, rotation: Number, forced: Number, stiffness_xy: Number, damping: tuple[Number, ...]
     ) -> SinceZero:
-        """What happened since the angle was zero; without control no force turned anything."""
+        """What happened since the angle was zero; without control no force turned anything.
+
+        Loops that hold the pattern turn it back by what the board turns.
+        """
         xx, yy, xy = (self._driven * each for each in damping)
         return SinceZero(
             seconds=seconds,
             rotation=rotation,
-            forced=self._driven * forced,
+            forced=self._driven * (rotation if self._held else forced),
             stiffness_xy=self._driven * stiffness_xy,
             damping=(xx, yy, xy),
             angular_gain=self._angular_gain,

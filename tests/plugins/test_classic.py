@@ -302,6 +302,9 @@ def test_a_run_by_the_loops_is_told_by_what_they_do(tmp_path: Path) -> None:
     assert page.count("(declared)") == len(constants)
     assert "control imperfection" not in page
     assert "as the plug-in gives it" not in page
+    left = {row.source: row.contribution_rad / (row.declared_rad or 1.0) for row in scored.uncertainty}
+    assert left.pop("estimation") == 1.0
+    assert max(left.values()) < 3.0, left  # a record adds nothing to what is declared, but by chance: three deviations
     found = compare(
         run.path / "capture.arrow", override(bench(), {"loop": changes["loop"]}, "test"), tmp_path / "compared",
         truth=tmp_path / "truth.arrow", report=False, progress=lambda _: None,

@@ -92,6 +92,12 @@ def test_what_is_not_declared_is_assumed_and_marked() -> None:
     assert rows["angular gain"].value == 1e-3
 
 
+@pytest.mark.parametrize("mode", ["force_to_rebalance", "mode_reversal"])
+def test_a_pattern_that_is_held_is_turned_back_by_what_the_board_turns(mode: str) -> None:
+    """The rate is the balancing force over 2ωA: by a clock fast by δ each force is less by 2δ."""
+    assert made({"clock_u": 1e-3}, controller={"mode": mode})["clock"].contribution_rad == 2e-3 * TURNED
+
+
 def test_in_open_loop_no_force_turned_anything() -> None:
     rows = made(dict.fromkeys(KEYS.values(), 1e-3), controller={"enabled": False})
     for name in ("drive gain", "drive misalignment", "drive delay", "sense delay", "clock"):
