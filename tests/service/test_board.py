@@ -245,7 +245,8 @@ def test_the_service_dies_and_the_loop_does_not_notice(tmp_path: Path, board: st
         assert alive(loop)
         assert (folder / "capture.arrow").stat().st_size > before
     with serving(tmp_path / "runs") as second:  # which finds the board again
-        assert second.ask("GET", "/api/board").json()["run"] == folder.name
+        state = second.ask("GET", "/api/board").json()
+        assert (state["run"], state["bench"]) == (folder.name, "unhurried")
         assert second.ask("POST", "/api/board/safe").json()["confirmed"] is True
         until(lambda: second.ask("GET", "/api/board").json()["run"] is None)
         capture = read_capture(folder / "capture.arrow")

@@ -50,6 +50,7 @@ class Start:
     request: RunRequest
     out: Path
     control: socket.socket
+    bench: str
 
 
 class HeldBoard:
@@ -94,9 +95,9 @@ class HeldBoard:
         """Whether a run is under way, its report included."""
         return self._running is not None and self._running.is_alive()
 
-    def connect(self, link: LinkName, answer: Answer) -> None:
-        """Open `link`, look at the board; nothing is armed."""
-        self._jobs.put((lambda: self._connect(link, answer), answer))
+    def connect(self, link: LinkName, answer: Answer, bench: str | None = None) -> None:
+        """Open `link`, look at the board; nothing is armed. `bench`: the file that was named for it."""
+        self._jobs.put((lambda: self._connect(link, answer, bench), answer))
 
     def disconnect(self, answer: Answer) -> None:
         """Let the link go, or give up its opening; a board that was started for it ends."""
@@ -175,12 +176,12 @@ class HeldBoard:
         finally:
             self._ended = True
 
-    def _connect(self, link: LinkName, answer: Answer) -> None:
+    def _connect(self, link: LinkName, answer: Answer, bench: str | None) -> None:
         if self.busy:
             answer({"refused": "a run is under way; stop it first"})
             return
         self._disconnect()
-        self._change(link=link.url, emulated=isinstance(link, Emulated), words="connecting")
+        self._change(link=link.url, emulated=isinstance(link, Emulated), words="connecting", bench=bench)
         self._connecting = answer
         self._open(link, None, greet=True)
 
@@ -360,7 +361,7 @@ class HeldBoard:
             total=0,
             words="",
             settings=in_force(start.request.bench),
-            bench=start.request.bench.loop.bench_name,
+            bench=start.bench,
             duration_s=start.request.bench.loop.duration_s,
             safe_tick=None,
         )

@@ -120,7 +120,7 @@ class _Keeper:
     def _do(self, message: Message, answer: Any) -> None:
         match message["do"]:
             case "connect":
-                self._board.connect(parse_link(message["link"]), answer)
+                self._board.connect(parse_link(message["link"]), answer, message["bench"])
             case "disconnect":
                 self._board.disconnect(answer)
             case "start":
@@ -151,7 +151,7 @@ class _Keeper:
         self._let_line_go()
         self._line = ours
         self._selector.register(ours, selectors.EVENT_READ, self._hear_loop)
-        self._board.start(Start(RunRequest.of_json(message["request"]), self._out, theirs), started)
+        self._board.start(Start(RunRequest.of_json(message["request"]), self._out, theirs, message["bench"]), started)
 
     def _settings(self, settings: dict[str, float], answer: Any) -> None:
         if self._line is None:

@@ -83,7 +83,7 @@ class BoardPart:
             await asyncio.to_thread(found, self._service.folder, "bench", bench)
         await self.line.start()
         self._next = {}
-        await self.line.ask("connect", _START_S, link=place.url)
+        await self.line.ask("connect", _START_S, link=place.url, bench=bench)
         self._bench_name, self._link = bench, link
         self._changed()
         return self.state
@@ -119,6 +119,7 @@ class BoardPart:
             _START_S,
             request=request.as_json(),
             out=os.path.realpath(self._service.folder),
+            bench=self._bench_name,
         )
         return {"run": said["run"]}
 
@@ -227,6 +228,7 @@ class BoardPart:
         elif "board" in message:
             last = {name: self._told[name] for name in ("last_run", "last_verdict")}
             self._told = message["board"]
+            self._bench_name = self._told["bench"] or self._bench_name  # by whom it is held, after a restart
             if self._told["last_run"] is None:  # of a board that was let go: what was run stays to be seen
                 self._told |= last
             self._changed()
