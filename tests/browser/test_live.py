@@ -243,6 +243,7 @@ def test_the_dialog_lists_all_that_would_drive_and_a_reload_shows_what_was(page:
     assert "amplitude_m = 0.00011" in (folder / "bench.toml").read_text()
     expect(page.page.get_by_label("Amplitude")).to_have_value("")  # it was for that run
     angle = page.page.locator("#angle-value").inner_text()
+    expect(page.page.locator("#angle-spread")).to_contain_text("before the closing scan")
     page.page.reload()
     expect(page.page.locator("#angle-value")).to_have_text(angle)
     expect(page.page.locator("#estimates tbody tr")).to_have_count(13)

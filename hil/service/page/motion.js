@@ -43,7 +43,8 @@ export class Motion {
     if (!run) return;
     const more = /** @type {any} */ (run);
     const { angle_rad: angle, angle_u_rad: angleU, angle_expanded_rad: expanded, rate_rad_s: rate, rate_u: rateU } = run;
-    reading("angle", angle, expanded, "rad", angle === null || angle === undefined ? "" : `, ${turns(angle)}`);
+    const before = expanded ? " before the closing scan" : ""; // which puts what the record leaves in the place of what is declared
+    reading("angle", angle, expanded, "rad", angle === null || angle === undefined ? "" : `${before}, ${turns(angle)}`);
     reading("rate", rate, rateU && 2 * rateU, "rad/s", "");
     this.history.add(run.t_s, { angle, angleU, rate, rateU, angleReference: more.reference?.angle_rad ?? more.angle_reference_rad, rateReference: more.reference?.rate_rad_s ?? more.rate_reference_rad_s });
     const now = performance.now();
