@@ -164,6 +164,13 @@ def test_judged_once_more_the_other_parts_stay_what_they_are(again: Any) -> None
     assert again(result_of("interrupted", ("stopped",)), GOOD["angle"]).verdict == "interrupted"
 
 
+def test_judged_once_more_the_cure_of_an_earlier_reason_stays_next(again: Any) -> None:
+    stopped = result_of("interrupted", ("stopped",)).model_copy(update={"next": "hil identify LINK"})
+    wrong = BAD["angle"].model_copy(update={"next": "calibrate it"})
+    assert again(stopped, wrong).next == "hil identify LINK"
+    assert again(result_of("good"), wrong).next == "calibrate it"
+
+
 def test_a_run_that_was_not_judged_is_not_judged_again(again: Any) -> None:
     bare = Result(run="r", seconds=1.0, samples=9, complete=True)
     assert again(bare, BAD["angle"]) == bare
