@@ -160,6 +160,8 @@ def test_its_estimates_are_summed_up_and_compared(on_m7: RunFolder, tmp_path: Pa
     assert apart < 1e-9  # beside the host's observer of the same samples
     methods = hil.compare(on_m7.path, report=False, out=tmp_path)
     assert "on the board" in [row.name for row in methods.rows]
+    assert methods.remarks[0] == f"on the board, less the host's: {result.board.line}"
+    assert result.board.line.startswith("angle ")
 
 
 def test_a_board_of_other_codes_is_told_in_one_line(tmp_path: Path) -> None:
