@@ -31,12 +31,13 @@ export async function showLast(bench, run, ended, wanted) {
   await told(); // at once: the estimates are known by name then
   const part = async (/** @type {string[]} */ channels, /** @type {number} */ from, /** @type {number} */ points) => decode(await getBytes(`/api/runs/${encodeURIComponent(run)}/series${query({ channels: channels.join(), from: Math.max(0, from), to: end, points })}`));
   await bench.motion.recall(run);
+  if (!ended && wanted()) bench.motion.last();
   await bench.estimates.recall(run, end);
   await told(); // with their courses
   if (wanted()) bench.motion.draw();
   const innovation = await part(["innovation.nu_x_V", "innovation.nu_y_V"], end - INNOVATION_S, POINTS).catch(() => null);
   if (innovation && wanted()) bench.innovation.take(innovation);
-  const stiffness = ended?.estimates?.kxx_per_s2?.[0];
+  const stiffness = ended?.estimates?.kxx_per_s2?.[0] ?? row.figures?.kxx?.value;
   if (stiffness && stiffness > 0) {
     const pattern = await part(["capture.vx_V", "capture.vy_V"], end - (PERIODS * 2 * Math.PI) / Math.sqrt(stiffness), 20000).catch(() => null);
     if (pattern && wanted()) bench.pattern.take(pattern);

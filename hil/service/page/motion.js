@@ -38,6 +38,13 @@ export class Motion {
     this.history.recall(t, { angle: values[0], angleU: values[1], rate: values[2], rateU: values[3] });
   }
 
+  /** The end of what was recalled: where nobody knows any more what the loop said last. */
+  last() {
+    const { t, values } = this.history;
+    const [angle, u, rate, rateU] = ["angle", "angleU", "rate", "rateU"].map((name) => values[name]?.at(-1) ?? null);
+    if (t.length) this.set({ t_s: t[t.length - 1], elapsed_s: 0, angle_rad: angle, angle_u_rad: u, angle_expanded_rad: u && 2 * u, rate_rad_s: rate, rate_u: rateU });
+  }
+
   /** @param {RunNow | null} run */
   set(run) {
     if (!run) return;
