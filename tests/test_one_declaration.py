@@ -80,9 +80,9 @@ def test_its_code_is_generated_from_the_declaration() -> None:
 
 
 STRUCTURE = {
-    # what is told of these few is the algebra of the model's own symmetries or the calibration of its channels
+    # what is told of these few is the algebra of the model's own symmetries or the calibration of channels and clock
     "estimator/trace/symmetries.py",
-    "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py",
+    "estimator/uncertainty.py", "hil/bench/calibration.py", "hil/verdict/budget.py", "hil/verdict/model.py",
     "hil/toml/reading.py", "hil/importing/channels.py", "estimator/observer.py", "estimator/core/layout.py",
     "estimator/rate_sensor/surroundings.py", "hil/generating/estimator_files.py",
 }  # fmt: skip

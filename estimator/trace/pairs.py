@@ -13,7 +13,7 @@ from estimator.trace.named import called, constants_of, effects_of
 from estimator.trace.pooled_layout import constant_of, of_records
 from estimator.trace.problem import Problem, Progress
 from estimator.trace.separations import separations
-from estimator.trace.symmetries import Constants, equivalents
+from estimator.trace.symmetries import Constants, equivalents, nonreciprocal_of
 
 AXES = ("xx", "yy", "xy")
 
@@ -72,5 +72,5 @@ def _by_symmetry(
     sizes = {one.name: one.coefficients for one in effects} | {one.name: one.bound for one in rejected}
     return {
         (same.effect, same.other): Separation(same.effect, same.other, 1.0, same.told_by, None, same.angle)
-        for same in equivalents(intervals, constants, sizes.get("nonreciprocal_stiffness", {}).get("kn"))
+        for same in equivalents(intervals, constants, nonreciprocal_of(sizes))
     }

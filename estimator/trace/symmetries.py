@@ -83,6 +83,11 @@ def equivalents(named: Intervals, constants: Constants, nonreciprocal: Interval 
     return tuple(found)
 
 
+def nonreciprocal_of(found: Intervals) -> Interval | None:
+    """What a record says of a stiffness that acts one way, of what it says of each effect."""
+    return found.get("nonreciprocal_stiffness", {}).get("kn")
+
+
 def _of_drive_gain(named: Intervals, constants: Constants) -> Iterator[Equivalent]:
     """A drive gain common to both axes: scale of time, of mass, of sense."""
     if "drive_gain" not in named or not _same(named["drive_gain"]["hx"], named["drive_gain"]["hy"]):
