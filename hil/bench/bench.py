@@ -142,8 +142,9 @@ def override(bench: Bench, changes: Mapping[str, Mapping[str, Any]], source: str
     table = bench.model_dump()
     make_way(table, changes)
     changed = _merged(table, changes)
-    if changed["loop"]["name"] != bench.loop.name:
-        changed["loop"]["bench"] = bench.loop.bench_name
+    loop = changed["loop"]
+    if isinstance(loop, dict) and loop["name"] != bench.loop.name:
+        loop["bench"] = bench.loop.bench_name
     return parse_table(changed, Bench, source)
 
 

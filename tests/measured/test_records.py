@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from estimator.trace.fit import fit
-from estimator.trace.free_run import FreeRun
+from estimator.trace.free_run import TELLING, FreeRun
 from estimator.trace.problem import Problem
 from evaluation.measured import emps, free_decay, rate_table, silverbox
 from evaluation.measured.oscillator import declared, imported, record_of
@@ -37,7 +37,7 @@ def test_silverbox_alone_has_the_published_error_of_a_linear_model(tmp_path):
     train = record.part(slice(*capture.segments["train"]))
     found = fit(FreeRun(Problem(train, *declared("silverbox"))), {})
     for test, expected in (("multisine", 6.95), ("arrow", 14.3), ("arrow_no_extrapolation", 6.58)):
-        of = FreeRun(Problem(record.part(slice(*capture.segments[test])), *declared("silverbox")), fitted=False)
+        of = FreeRun(Problem(record.part(slice(*capture.segments[test])), *declared("silverbox")), telling=TELLING)
         residual = of.evaluate(found.layout, found.model, derivatives=False).innovation
         assert np.isnan(residual[:50]).all()
         assert 1e3 * np.sqrt(np.nanmean(residual**2)) == pytest.approx(expected, rel=0.01), test
