@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from hil.running.safety.asked_again import zero_drive
 from hil.wire import client
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import LinkClosed, WireError
@@ -20,7 +21,6 @@ from hil.wire.messages import (
     DriveGains,
     Identity,
     LoopMode,
-    Message,
     NackReason,
     SafeReason,
     State,
@@ -29,6 +29,7 @@ from hil.wire.messages import (
 from hil.wire.sense import SenseRow
 from hil.wire.spec import SPEC, Register
 
+_DRIVE = {LoopMode.FORCE: DriveForce, LoopMode.GAIN: DriveGains, LoopMode.BOARD: DriveBoard}
 PATIENCE_S = 5.0
 QUIET_S = 0.3
 """Long enough for an answer that must not come."""
@@ -107,11 +108,6 @@ def require_safe(host: Endpoint) -> None:
 
     Raises NotSafe; LinkClosed where the board hung up.
     """
-    drives: dict[LoopMode, Message] = {
-        LoopMode.FORCE: DriveForce(0, 0, host.rx.tick + 1 & 0xFFFFFFFF),
-        LoopMode.GAIN: DriveGains(1, (0.0,) * 8, (0.0, 0.0), host.rx.tick + 1 & 0xFFFFFFFF),
-        LoopMode.BOARD: DriveBoard(0),
-    }
     try:
         status_of(host)
         mode = LoopMode(int(client.read_register(host, "LOOP_MODE", PATIENCE_S)))
@@ -120,7 +116,9 @@ def require_safe(host: Endpoint) -> None:
     except WireError as error:
         raise NotSafe(f"expected SAFE, came: {error}") from None
     try:
-        client.request(host, drives[mode], Status, PATIENCE_S, lambda told: told.state == State.RUNNING)
+        client.request(
+            host, zero_drive(_DRIVE[mode], host.rx.tick), Status, PATIENCE_S, lambda told: told.state == State.RUNNING
+        )
         came = "RUNNING"
     except client.Refused as refused:
         if refused.reason == NackReason.BAD_STATE:
