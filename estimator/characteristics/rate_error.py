@@ -59,13 +59,18 @@ class Line:
             "bias": fit.estimate("bias"),
             "scale_factor_error": fit.estimate("scale"),
             "scale_factor_asymmetry": fit.estimate("asymmetry", 2.0 / slope),
-            "delay": fit.estimate("delay", 1.0 / slope),
+            "delay": self.delay,
             "bias_temperature": fit.estimate("bias_temperature"),
             "scale_factor_temperature": fit.estimate("scale_temperature", 1.0 / slope),
         }
         found["scale_factor_nonlinearity"] = self._nonlinearity()
         found |= {figure: self._harmonic(*names) for figure, names in _HARMONIC.items()}
         return {name: value for name, value in found.items() if value is not None}
+
+    @property
+    def delay(self) -> Estimate | None:
+        """Of the output behind the reference; None where the record could not tell it."""
+        return self.fit.estimate("delay", 1.0 / (1.0 + self.fit.of("scale")))
 
     @property
     def confounded(self) -> set[str]:

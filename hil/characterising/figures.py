@@ -62,10 +62,9 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
     told = AxisFigures(records[0].name, records[longest].span / records[longest].rate_Hz)
     at_rest = AllanSums(_settled_span(records[longest]))  # of a record without a reference one pass is enough
     parts = [_stretches(record, at_rest if number == longest else None) for number, record in enumerate(records)]
-    as_moved, late_s, parts = _in_time(records, parts)
+    as_moved, late_s, parts, told.line = _in_time(records, parts)
     told.stretches = whole = joined(parts)
     told.referred = whole.reference is not None
-    told.line = line(whole)
     why = why_missing(told.line, whole, records[longest], _stretch(records[longest]) / records[longest].rate_Hz)
     if told.line is None:
         told.missing = why
@@ -102,14 +101,16 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
     return told
 
 
-def _in_time(records: Sequence[Axis], parts: list[Stretches]) -> tuple[Sequence[Axis], float, list[Stretches]]:
-    """The records with their reference as late as the output is, that delay in s, and their stretches: what is late by
-    more than a first order is a smaller scale factor to a fit (1 − (ωτ)²/2 of a sine).
+def _in_time(
+    records: Sequence[Axis], parts: list[Stretches]
+) -> tuple[Sequence[Axis], float, list[Stretches], Line | None]:
+    """The records with their reference as late as the output is, that delay in s, their stretches and the fit to them:
+    what is late by more than a first order is a smaller scale factor to a fit (1 − (ωτ)²/2 of a sine).
     """
     late_s, best = 0.0, line(joined(parts))
     moved = records
     for _ in range(_ROUNDS):
-        left = None if best is None else best.figures().get("delay")
+        left = None if best is None else best.delay
         if best is None or left is None or abs(left.value) <= _CLOSE * (left.high - left.low):
             break
         tried = [record.late_by(late_s + left.value) for record in records]
@@ -118,7 +119,7 @@ def _in_time(records: Sequence[Axis], parts: list[Stretches]) -> tuple[Sequence[
         if found is None or not np.mean(found.fit.residual**2) < _WORSE * np.mean(best.fit.residual**2):
             break
         moved, parts, best, late_s = tried, those, found, late_s + left.value
-    return moved, late_s, parts
+    return moved, late_s, parts, best
 
 
 def _settled_span(record: Axis) -> int:
