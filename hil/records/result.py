@@ -29,6 +29,11 @@ class Reason(NamedTuple):
     cure: str = ""
 
 
+def next_of(reasons: Sequence[Reason]) -> str:
+    """The cure of the first reason that has one, "" where none has."""
+    return next((reason.cure for reason in reasons if reason.cure), "")
+
+
 class Part(json_file.Strict):
     """One part of a verdict."""
 
@@ -51,9 +56,8 @@ class Part(json_file.Strict):
         """`good` where there is no reason against, else `bad` with the reasons in one line, the cause first: what comes
         next is the cure of the first that has one.
         """
-        cures = [reason.cure for reason in reasons if reason.cure]
         told = "; ".join(reason.text for reason in reasons)
-        return cls(outcome=bad if reasons else good, reason=told, next=cures[0] if cures else None)
+        return cls(outcome=bad if reasons else good, reason=told, next=next_of(reasons) or None)
 
 
 class Percentiles(json_file.Strict):

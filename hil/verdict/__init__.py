@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 from hil.bench import Bench, load_bench
 from hil.boards.emulation import is_emulated
 from hil.records.lateness import lateness_of
-from hil.records.result import Holds, Part, Reason, Result, RunVerdict
+from hil.records.result import Holds, Part, Reason, Result, RunVerdict, next_of
 from hil.records.runfolder import RunFolder
 from hil.verdict.angle import judge_angle
 from hil.verdict.machine import held, judge_machine, mishaps, own_setting
 from hil.verdict.model import faults_of, judge_model
-from hil.verdict.next_step import after_run, next_of
+from hil.verdict.next_step import after_run
 from hil.verdict.residual import cause
 from hil.verdict.safety import judge_safety
 from hil.verdict.safety import remarks as stops_survived
@@ -68,7 +68,7 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
         "angle": judge_angle(folder, result, bench, faults),
     }
     parts = _doubted(parts, result.link)
-    reasons = [Reason(part.reason, part.next or "") for part in parts.values() if part.against]
+    reasons = _against(parts)
     if stopped and not any(stopped in reason.text for reason in reasons):
         # What concerns the board's safety comes before everything else.
         reasons.insert(int(parts["safety"].against), Reason(stopped, cure))
@@ -78,6 +78,11 @@ def judge(folder: RunFolder, result: Result, bench: Bench, outcome: Mapping[str,
     holds = None if late is None else held(late, bench, own_setting(bench, min(latency_ticks, 1)))
     after = next_of(reasons) or after_run(verdict, parts, folder, result)
     return Judgement(verdict, parts, tuple(reason.text for reason in reasons), remarks, after, holds)
+
+
+def _against(parts: Mapping[str, Part]) -> list[Reason]:
+    """What the parts have against a run, each with its cure."""
+    return [Reason(part.reason, part.next or "") for part in parts.values() if part.against]
 
 
 def judge_again(folder: RunFolder, result: Result) -> Result:
@@ -92,13 +97,12 @@ def judge_again(folder: RunFolder, result: Result) -> Result:
     told = [parts["angle"].reason] if parts["angle"].against else []
     still = others and result.next and result.next != before.next  # the angle comes last
     verdict = _verdict(parts, result.verdict == "interrupted")
-    asked = [Reason(part.reason, part.next or "") for part in parts.values() if part.against]
     return result.model_copy(
         update={
             "parts": parts,
             "reasons": (*others, *told),
             "verdict": verdict,
-            "next": result.next if still else next_of(asked) or after_run(verdict, parts, folder, result),
+            "next": result.next if still else next_of(_against(parts)) or after_run(verdict, parts, folder, result),
         }
     )
 

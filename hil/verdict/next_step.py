@@ -4,7 +4,7 @@ page.
 
 import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from hil.boards.emulation import located
 from hil.errors import InputError
 from hil.records.diagnosis import Diagnosis
 from hil.records.methods import Methods
-from hil.records.result import Part, Reason, Result, RunVerdict
+from hil.records.result import Part, Result, RunVerdict
 from hil.records.runfolder import RunFolder, run_of
 from hil.toml.reading import read_table
 from hil.verdict.model import trace_command
@@ -30,11 +30,6 @@ PASSING = "gyrohil-arrays-"
 
 _OF_THE_LOOP = {"--clock": "clock", "--duration": "duration_s", "--seed": "seed"}
 _SEVERAL = re.compile(r"\d+ records: ")
-
-
-def next_of(reasons: Sequence[Reason]) -> str:
-    """The cure of the first reason that has one, "" where none has."""
-    return next((reason.cure for reason in reasons if reason.cure), "")
 
 
 def after_run(verdict: RunVerdict, parts: Mapping[str, Part], folder: RunFolder, result: Result) -> str:
