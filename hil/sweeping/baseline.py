@@ -34,6 +34,7 @@ GATED = (
 )  # fmt: skip
 """Columns of every campaign of which less is better; the figures of a data sheet come beside them."""
 
+_COMPARED = (*GATED, *(figure.key for figure in FIGURES))
 _LEAST = {figure.key for figure in FIGURES if figure.name in AT_LEAST}
 _FEWEST = 2
 _NAMED = 3
@@ -90,7 +91,7 @@ def read_baseline(place: Path, plan: Plan) -> "pyarrow.Table":
 
 def changes(new: "pyarrow.Table", old: "pyarrow.Table", campaign: Campaign) -> list[Change]:
     """Each figure that both have, in each cell that both have, in those of one value, and in all together."""
-    figures = [name for name in (*GATED, *(one.key for one in FIGURES)) if {name} <= _names(new) & _names(old)]
+    figures = [name for name in _COMPARED if {name} <= _names(new) & _names(old)]
     mine, theirs = (_by_cell(table, campaign, figures) for table in (new, old))
     cells = [cell for cell in mine if cell in theirs]
     found = []
@@ -113,8 +114,7 @@ def uncompared(new: "pyarrow.Table", old: "pyarrow.Table", campaign: Campaign) -
         found.append(
             f"{len(lacking)} of {len(mine)} cells: the baseline has no run at {'; '.join(lacking[:_NAMED])}{more}"
         )
-    figures = (*GATED, *(one.key for one in FIGURES))
-    return found + [f"{one}: the baseline has none" for one in figures if _has(new, one) and not _has(old, one)]
+    return found + [f"{one}: the baseline has none" for one in _COMPARED if _has(new, one) and not _has(old, one)]
 
 
 def _has(table: "pyarrow.Table", figure: str) -> bool:

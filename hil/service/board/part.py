@@ -228,7 +228,7 @@ class BoardPart:
         elif "board" in message:
             last = {name: self._told[name] for name in ("last_run", "last_verdict")}
             self._told = message["board"]
-            self._bench_name = self._told["bench"] or self._bench_name  # by whom it is held, after a restart
+            self._bench_name = self._told["bench"] or self._bench_name  # as it is held, after a restart
             if self._told["last_run"] is None:  # of a board that was let go: what was run stays to be seen
                 self._told |= last
             self._changed()
