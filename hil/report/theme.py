@@ -97,9 +97,7 @@ def new_figure(height_in: float) -> "Figure":
     """An empty figure of the page's width. No pyplot: nothing global, no window system."""
     from matplotlib.figure import Figure
 
-    from hil.report.margins import Margins
-
-    return Figure(figsize=(WIDTH_IN, height_in), layout=Margins())
+    return Figure(figsize=(WIDTH_IN, height_in), layout="constrained")
 
 
 def stacked(height_in: float, ratios: tuple[float, ...]) -> "tuple[Figure, list[Axes]]":
