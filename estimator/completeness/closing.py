@@ -10,7 +10,7 @@ import numpy as np
 from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.constants import calibrated_effects, off
 from estimator.completeness.information import Information, ScannedCoefficient
-from estimator.completeness.lacking import HARMLESS, Taken, leading, taken_together
+from estimator.completeness.lacking import HARMLESS, Taken, freed, leading, taken_together
 from estimator.completeness.scores import Scores, scores_of
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.stretched import Stretched, beside, fitted, likelihood_of
@@ -130,14 +130,14 @@ def _scanned(
     device, rounds = run.device, 2 + _ROUNDS
     progress("scan", 0, rounds)
     of = likelihood_of(run, weighed_of(stretches))
-    base = fitted(of, of.effects, limits.innovation_ratio)
+    bare = base = fitted(of, of.effects, limits.innovation_ratio)
     if not base.evaluation.sound:
         return Completeness(Outcome.UNKNOWN, "the observer does not converge on this record")
     tested = tested_of(of, base)
     constants = calibrated_effects(declared, tested, device)
     if constants:
         of = replace(of, known=declared)
-        base = beside(of, base, constants, limits.innovation_ratio)
+        base = beside(of, base, {name: {} for name in constants}, limits.innovation_ratio)
     effects: Effects = {name: given for name, given in tested.items() if name not in constants}
     margin = margin_of(len({kind(name) for name in tested}))
     progress("scan", 1, rounds)
@@ -158,7 +158,8 @@ def _scanned(
     for done in range(_ROUNDS):
         progress("scan", 2 + done, rounds)
         serious = serious_of(of, seen, effects, margin)
-        found = leading(of, base, seen, serious, turning, move, limits.innovation_ratio, margin) if serious else None
+        beyond = freed(of, bare, base, constants, limits.innovation_ratio)
+        found = leading(of, base, seen, serious, beyond, turning, move, limits.innovation_ratio, margin)
         if isinstance(found, Nearest):
             nearest = found
         elif found is not None and found.angle.high >= HARMLESS * limits.angle_rad:
@@ -169,6 +170,8 @@ def _scanned(
         assert found.model is not None
         harmless.append(found)
         base = found.model
+        if found.freed:
+            of, constants = of.freeing(found.freed), tuple(name for name in constants if name != found.freed)
         effects = beside_those(effects, base.model.effects)
         seen = scores_of(of, base, effects, constants)
     progress("scan", rounds, rounds)

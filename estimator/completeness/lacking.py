@@ -3,16 +3,17 @@
 Far from the truth a score test is a rough guide, so those that come into question are each fitted once.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
-from estimator.chance import TWO_SIDED
+from estimator.chance import TWO_SIDED, chi2_isf
 from estimator.completeness.answer import Lacking
 from estimator.completeness.constants import Off, shares
 from estimator.completeness.scores import Scores, ratio_of
-from estimator.completeness.stretched import Stretched
+from estimator.completeness.stretched import Stretched, beside
 from estimator.completeness.turning import Turning
 from estimator.completeness.words import Nearest
 from estimator.diagnosis import Interval
@@ -20,7 +21,9 @@ from estimator.effects.catalogue import effect_for
 from estimator.effects.labels import kind
 from estimator.scaling import Array
 from estimator.settings import Device
+from estimator.side_by_side import side_by_side
 from estimator.trace.fit import FittedModel
+from estimator.trace.likelihood import RARE, TIE
 from estimator.trace.named import effects_of
 from estimator.trace.problem import Effects
 from estimator.trace.score_test import Score
@@ -35,7 +38,8 @@ class Taken:
     """What a record shows: one effect, or several constants of the calibration together.
 
     angle: how far it moves the angle where that is most; shift, deviation (m,) rad: how far in the course of the run;
-    model: the one that has the effect, None for constants, which every model has.
+    model: the one that has the effect, None for constants, which every model has; freed: the constant that is off by
+    more than is declared, "" where it is another effect.
     """
 
     lacking: tuple[Lacking, ...]
@@ -43,6 +47,39 @@ class Taken:
     shift: Array
     deviation: Array
     model: FittedModel | None = None
+    freed: str = ""
+
+
+def freed(
+    of: Stretched, bare: FittedModel, base: FittedModel, constants: Collection[str], enough: float
+) -> dict[str, FittedModel]:
+    """By constant, the model in which it is off by more than is declared and the others are as declared; none where all
+    are as declared.  bare: the model without constants.
+    """
+    if as_declared(base, constants):
+        return {}
+    there = base.layout.effects_of(base.model)
+
+    def fitted(name: str) -> FittedModel:
+        free, others = of.freeing(name), {one: there[one] for one in constants if one != name}
+        # By itself first: among others that can do the same, its likelihood is a ridge, and a bent one.
+        alone = beside(free, bare, {one: given for one, given in there.items() if one not in others}, enough)
+        return beside(free, alone, others, enough)
+
+    models = side_by_side([partial(fitted, name) for name in constants])
+    return dict(zip(constants, models, strict=True))
+
+
+def as_declared(model: FittedModel, constants: Collection[str]) -> bool:
+    """Whether constants of the calibration are together no farther off than chance lets what is declared of them be."""
+    places = [k for name in constants for k in model.layout.of(name)]
+    off = model.model.theta[places] / model.layout.deviation[places]
+    return not places or bool(off @ off < chi2_isf(RARE, len(places)))
+
+
+def odds(model: FittedModel) -> float:
+    """Twice the log-likelihood with all that is declared as measurements, less what the parameters cost (Schwarz)."""
+    return 2.0 * model.objective - float(model.told.sum() * np.log(model.evaluation.count.sum()))
 
 
 def leading(
@@ -50,33 +87,49 @@ def leading(
     base: FittedModel,
     seen: Scores,
     serious: Sequence[Score],
+    beyond: Mapping[str, FittedModel],
     turning: Turning,
     move: Callable[[Effects], Array],
     enough: float,
     margin: float,
 ) -> Taken | Nearest | None:
-    """The effect that explains most once it is included in the model, None where none stands better by `margin` (twice
-    the log-likelihood); the nearest where the innovation stays above `enough` times what is predicted of it, rms.
+    """The effect that explains most once it is included in the model, or the constant of the calibration that does once
+    it may be off by more than is declared (`freed`); None where none stands better by `margin` (twice the
+    log-likelihood); the nearest where the innovation stays above `enough` times what is predicted of it, rms,
+    or other constants are still off by more.
 
     Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
     of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.  `move` has
     how far (m,) effects as large as they are move the angle.
     """
-    best = first_possible(of, fitted_candidates(of, base, serious))
-    if best is None or not best[1].surplus_over(base) > margin:
+    best = first_possible(of, fitted_candidates(of, base, serious)) if serious else None
+    if best is not None and not best[1].surplus_over(base) > margin:
+        best = None
+    ranked = sorted(beyond.items(), key=lambda pair: -odds(pair[1]))
+    off = first_possible(of, ranked)
+    is_freed = off is not None and odds(off[1]) > max(odds(base) + margin, odds(best[1]) if best else -np.inf)
+    best = off if is_freed else best
+    if best is None:
         return None
     name, model = best
     ratio = _ratio_of(of, model)
     if not ratio <= enough:
-        return Nearest(kind(name), ratio)
+        return Nearest(kind(name), f"{ratio:.3g} × the noise")
+    if is_freed and not as_declared(model, [one for one in beyond if one != name]):
+        return Nearest(name, "other constants of the calibration off by more than is declared")
     if not gain_of(of, model, name) > margin:  # else it is the noise of the base model that is not fitted
         return None
-    return _taken_alone(of, name, model, model.rise_over(base), seen, turning, move({name: effects_of(model)[name]}))
+    alike = [other for other, one in ranked if is_freed and other != name and odds(one) > odds(model) - TIE]
+    turned = move({name: effects_of(model)[name]})
+    gain = 2.0 * (model.objective - base.objective) if is_freed else model.rise_over(base)
+    taken = _taken_alone(of, name, model, gain, seen, turning, turned, alike)
+    return replace(taken, freed=name) if is_freed else taken
 
 
 def _taken_alone(
-    of: Stretched, name: str, model: FittedModel, gain: float, seen: Scores, turning: Turning, moved: Array
-) -> Taken:
+    of: Stretched, name: str, model: FittedModel, gain: float, seen: Scores, turning: Turning, moved: Array,
+    alike: Sequence[str],
+) -> Taken:  # fmt: skip
     effect, layout = of.effect(name), model.layout
     places = layout.of(name)[: len(effect.coefficients)]
     factor = layout.factor[places]
@@ -96,7 +149,7 @@ def _taken_alone(
         },
         evidence=gain,
         angle=angle,
-        alike=tuple(dict.fromkeys(kind(o) for o in seen.alike(name, values) if kind(o) != kind(name))),
+        alike=tuple(dict.fromkeys(kind(o) for o in (*alike, *seen.alike(name, values)) if kind(o) != kind(name))),
     )
     return Taken((lacking,), angle, shift, deviation, model)
 

@@ -1,6 +1,6 @@
 """The likelihood of the stretches of a run, judged as one record."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 
@@ -41,6 +41,11 @@ class Stretched(Filtered):
                 layout.deviation[k] = known / abs(layout.factor[k])
         return layout
 
+    def freeing(self, effect: str) -> "Stretched":
+        """The same with nothing known of an effect's coefficients but their plausible sizes."""
+        symbols = {one.name.partition(":")[0] for one in self.effect(effect).coefficients}
+        return replace(self, known={symbol: sd for symbol, sd in self.known.items() if symbol not in symbols})
+
     def unit(self, coefficient: Coefficient) -> float:
         """SI of a scaled unit of a coefficient."""
         return Scaling.of(self.problem.device).coefficient(coefficient)
@@ -73,14 +78,13 @@ def fitted(of: Stretched, effects: Effects, most: float) -> FittedModel:
     return found if _accounts(found, most) else maximise(of, advanced(of, at(of, begun.layout, begun.model)))
 
 
-def beside(of: Stretched, base: FittedModel, constants: Collection[str], most: float) -> FittedModel:
+def beside(of: Stretched, base: FittedModel, more: Effects, most: float) -> FittedModel:
     """The model with these effects more, all of their coefficients near nothing at first.
 
     With them it may need no random force in place of what it lacked: that of the base model is for one that leaves more
     than `most` times the noise without.
     """
-    effects = {**base.layout.effects_of(base.model), **{name: {} for name in constants}}
-    layout, model = with_effects(of, base, effects)
+    layout, model = with_effects(of, base, {**base.layout.effects_of(base.model), **more})
     quiet = maximise(of, at(of, layout, replace(model, noise=of.declared_noise())))
     if base.model.noise == of.declared_noise() or _accounts(quiet, most):
         return quiet

@@ -11,12 +11,12 @@ from estimator.written import plus_minus
 
 @dataclass(frozen=True)
 class Nearest:
-    """The effect that explains most of a record, and not what is missing: with it the innovation is still `ratio` times
-    what is predicted of it, rms, so that its coefficients are those of something else.
+    """The effect that explains most of a record, and not what is missing, so that its coefficients are those of
+    something else; left: what it leaves, in words.
     """
 
     effect: str
-    ratio: float
+    left: str
 
 
 def in_words(
@@ -31,7 +31,7 @@ def in_words(
     if nearest is not None:
         missing = (
             f"something is missing that no effect explains by itself: {nearest.effect} comes nearest and leaves "
-            f"{nearest.ratio:.3g} × the noise; hil trace tells"
+            f"{nearest.left}; hil trace tells"
         )
         return "; ".join([missing, *map(told, harmless)])
     if lacks:

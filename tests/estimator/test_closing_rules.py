@@ -304,7 +304,7 @@ def test_nothing_at_all_says_how_much_was_looked_for() -> None:
 
 
 def test_what_leaves_most_of_the_residual_is_only_nearest() -> None:
-    words = in_words([], [[lacking("clipping", 0.01)]], [], 30, Nearest("drive_saturation", 5.234))
+    words = in_words([], [[lacking("clipping", 0.01)]], [], 30, Nearest("drive_saturation", "5.23 × the noise"))
     assert words.startswith(
         "something is missing that no effect explains by itself: drive_saturation comes nearest and leaves 5.23 × the "
         "noise; hil trace tells; "

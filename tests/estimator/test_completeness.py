@@ -145,6 +145,33 @@ def test_a_device_as_it_is_declared_is_called_by_no_other_name() -> None:
     assert abs(really - size) < half + 0.1 * really
 
 
+ASSUMED = {"hx": 0.01, "hy": 0.01, "mx": 0.002, "my": 0.002, "gy": 0.005, "ex": 0.002, "ey": 0.002}
+ASSUMED |= {"tsx": 8e-7, "tsy": 8e-7, "tux": 8e-7, "tuy": 8e-7}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("effect", "true"),
+    [("sense_delay", {"tsx": 1e-4, "tsy": 1e-4}), ("sense_gain", {"gy": 0.1})],
+)
+def test_a_constant_far_beyond_what_is_declared_is_not_shared_out(effect: str, true: dict[str, float]) -> None:
+    """A channel late by half a sample is no half of a sense delay and half of a drive delay."""
+    run = loop((effect, tuple(true.items())), samples=30_000)
+    (lacks,) = scanned(record_of(run), **ASSUMED).lacks
+    assert effect in (lacks.effect, *lacks.alike)
+    for symbol, value in zip(lacks.coefficients, true.values(), strict=True):
+        assert lacks.coefficients[symbol].low < value < lacks.coefficients[symbol].high
+    assert lacks.angle.value == pytest.approx(np.max(np.abs(angle_error(run))), rel=0.05)
+
+
+@pytest.mark.slow
+def test_two_constants_far_beyond_what_is_declared_get_no_interval() -> None:
+    run = loop(("sense_gain", (("gy", 0.1),)), ("drive_misalignment", (("mx", 0.02), ("my", 0.0))), samples=30_000)
+    found = scanned(record_of(run), **ASSUMED)
+    assert (found.outcome, found.lacks) == (Outcome.LACKS, ())
+    assert "other constants of the calibration off by more than is declared" in found.reason
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("coupling", [6e12, -2e12])
 def test_what_a_score_test_cannot_reach_gets_no_name_and_no_interval(coupling: float) -> None:
