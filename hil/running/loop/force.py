@@ -22,14 +22,13 @@ from collections.abc import Sequence
 
 from estimator.observer import Observer
 from hil.plugins.plugged import Plugged
-from hil.running.loop.skeleton import Setup
-from hil.running.loop.turns import TurnLoop
+from hil.running.loop.skeleton import Loop, Setup
 from hil.running.native import LIBRARY, NONE, EchoState, Mode
 from hil.wire.messages import DriveForce, Message
 from hil.wire.sense import SenseRow
 
 
-class ForceLoop(TurnLoop):
+class ForceLoop(Loop):
     """One run in force mode."""
 
     DRIVE = DriveForce
@@ -86,8 +85,8 @@ class ForceLoop(TurnLoop):
 
     def _heed(self, said: list[Message], newest_ns: int) -> None:
         super()._heed(said, newest_ns)
-        if self._board.running is not None:
-            self._shown.runs(self._board.running)
+        if self.board.running is not None:
+            self._shown.runs(self.board.running)
 
 
 _HELD, _UNSENT = 1, 2  # of what is odd

@@ -27,14 +27,13 @@ from estimator.core.library import LIBRARY as CORE
 from estimator.gain_board import GainBoard
 from estimator.gain_matrix import GainMatrix
 from hil.inputs.declared import board_dither_of, board_filter_of
-from hil.running.loop.skeleton import Setup
+from hil.running.loop.skeleton import Loop, Setup
 from hil.running.loop.turn import address_of
-from hil.running.loop.turns import TurnLoop
 from hil.running.native import LIBRARY, MOST_ROWS, NONE, BlocksState, GainsState, MatricesState, Mode
 from hil.wire.messages import DriveGains, SafeReason
 
 
-class BlockLoop(TurnLoop):
+class BlockLoop(Loop):
     """One run in a mode of which samples come in blocks."""
 
     def __init__(self, setup: Setup) -> None:

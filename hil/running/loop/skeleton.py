@@ -1,7 +1,8 @@
-"""What the loops of both modes have in common: the board armed and brought to SAFE, limits, gaps, counters.
+"""What the loops of all modes have in common: the board armed and brought to SAFE, limits, gaps, counters.
 
-A mode adds how samples are answered (`_turn`), how a gap is bridged (`_predict`), and what it forgets when the board
-was armed again (`_begin_again`).  Nothing here stands between a sample and its answer.
+The turn over samples is one call into C (`hil.running.loop.turn`); here is what Python sees to in between.  A mode adds
+how C answers (`_bind`), how a gap is bridged (`_predict`), and what it forgets when the board was armed again
+(`_begin_again`).  Nothing here stands between a sample and its answer.
 """
 
 import math
@@ -14,13 +15,20 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple
 
-from estimator.observer import Observer
+import numpy as np
+from numpy.typing import NDArray
+
+from estimator.observer import Estimates, Observer
 from hil.bench import Bench
+from hil.inputs.declared import drive_limit_of
 from hil.numbers import count, counted, percent
 from hil.running.loop.target import TargetSteps
 from hil.running.loop.trimming import Trimming
-from hil.running.native import NONE, TurnState
+from hil.running.loop.turn import SEEN, Turn
+from hil.running.native import ALWAYS, NONE, BlocksState, Mode, TurnState, Why
+from hil.running.recording.angle import ReportedAngle
 from hil.running.recording.recorder import RecorderError, Track
+from hil.running.recording.tracks import estimate_rows, put_covariance, run_layouts
 from hil.running.safety.armed import ArmedBoard, Pause
 from hil.running.safety.latching import Safety
 from hil.running.safety.opening import Opening
@@ -28,6 +36,7 @@ from hil.running.safety.trim_outputs import Output
 from hil.wire.endpoint import Endpoint
 from hil.wire.errors import ProtocolError, WireError
 from hil.wire.messages import Identity, Message, SafeReason, Status
+from hil.wire.sense import SenseRow
 
 RESIDUAL_SAMPLES = 200  # over which the residual is averaged before it may stop the run
 _LONG_GAP_S = 0.05  # beyond which the phase of the vibration is taken as lost
@@ -113,10 +122,12 @@ class Loop(ABC):
         opening: the first rows of the run.
         wrong: why the loop ended itself before the first drive, "" if it did not.
         waker: descriptor that becomes readable when a signal has come, None for none.
+        board: the board, as long as it is armed.
     """
 
     DRIVE: ClassVar[type[Message]]
     """What it sends a board to drive it."""
+    MODE: ClassVar[Mode]
 
     stop: bool = _flag("stop")
     _first: int | None = _tick("first")
@@ -128,7 +139,7 @@ class Loop(ABC):
     _residual: float = _kept("residual")
     _guarded: int = _kept("guarded")  # sample from which the residual may stop the run
 
-    def __init__(self, setup: Setup) -> None:
+    def __init__(self, setup: Setup, blocks: BlocksState | None = None) -> None:
         endpoint, identity, bench, observer, tracks, registers, outputs = setup
         rate = identity.tick_rate_Hz
         self._state = TurnState(first=NONE, next=NONE)
@@ -142,9 +153,9 @@ class Loop(ABC):
         self._lockstep = bench.loop.clock == "lockstep"
         self._watchdog_ticks = round(registers["WATCHDOG_TICKS"])
         self._timeout_s = bench.link.timeout_s
-        self._board = ArmedBoard(endpoint, identity, bench, self.DRIVE, registers)
-        self._slice_s = self._board.slice_s
-        self._suspicious_ns = self._board.account.suspicious_ns
+        self.board = ArmedBoard(endpoint, identity, bench, self.DRIVE, registers)
+        self._slice_s = self.board.slice_s
+        self._suspicious_ns = self.board.account.suspicious_ns
         self._waiting = bench.controller.enabled  # to close the loop
         self._acquired = math.ceil(bench.observer.acquisition_s * rate)
         self.opening = Opening(bench, identity)
@@ -160,26 +171,39 @@ class Loop(ABC):
         self._block = bench.loop.rows
         self._goal = 0  # ticks of the run at which somebody wants to be told
         self._excused = 0  # ticks missing around a stop, beside those of it
-        self._at_once_ns = round(1e9 * _AT_ONCE * self._block / rate)
         self._missing_before = self._missing_frames()
         self.counters = Counters()
         self.between: Callable[[], None] = _nothing  # by name, so that a loop at rest can be pickled
         self.trouble: Callable[[], str] = str
         self.wrong = ""
         self.waker: int | None = None
+        self._layouts = run_layouts(observer, bench, identity)
+        self._reported = ReportedAngle(bench)
+        self._drive_limit = drive_limit_of(bench, identity)
+        self._c = Turn(self._state, endpoint, observer, tracks, self._layouts, self._bind, blocks)
+        self._c.estimates, self._c.covariance, self._c.seen = self._record, self._record_covariance, self._saw
+        self._close_at = self._acquired  # sample from the first before which the loop may be closed
+        self._declare(identity, bench)
+
+    def _declare(self, identity: Identity, bench: Bench) -> None:
+        """What C needs to know of the run, once."""
+        state, rate = self._state, self._rate_Hz
+        state.mode = self.MODE
+        state.latency, state.code_limit = identity.latency_ticks, self._drive_limit
+        state.lockstep = self._lockstep
+        state.slice_ns = round(1e9 * self._slice_s)
+        state.suspicious_ns, state.at_once_ns = self._suspicious_ns, round(1e9 * _AT_ONCE * self._block / rate)
+        state.estimate_every = bench.loop.estimate_every
+        state.covariance_every = bench.loop.covariance_stride(rate) if self._observer.HAS_COVARIANCE else ALWAYS
+        for axis in range(2):
+            volts = self._observer.volts[axis]
+            state.volts[axis] = volts
+            state.noise[axis] = bench.device.sense.noise_V / abs(volts)
 
     @property
     def safety(self) -> Safety:
         """What there is to say of the board's stops."""
-        return self._board.safety
-
-    def waited_for(self, told: Callable[[float], None]) -> None:
-        """Have `told` called now and then while a board in lockstep says nothing, with the seconds so far."""
-        self._board.waiting = told
-
-    def answered_safe(self, told: Callable[[Status], None]) -> None:
-        """Have `told` called with the STATUS that answers the SAFE at the end, before it is known to be confirmed."""
-        self._board.answered = told
+        return self.board.safety
 
     @property
     def newest(self) -> int | None:
@@ -188,7 +212,7 @@ class Loop(ABC):
 
     def arm(self) -> Status:
         """ARM; `finish` has to follow, whatever comes. Raises as `ArmedBoard.arm`."""
-        return self._board.arm()
+        return self.board.arm()
 
     def run(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
         """Answer `samples` samples (their ticks, gaps included); `report` is told how many are done.
@@ -204,7 +228,7 @@ class Loop(ABC):
 
     def go_on(self, samples: int, report: Callable[[int], None], report_every: int) -> None:
         """The rest of what `run` began, of `samples` samples in all; raises as `run`."""
-        done = reported = 0 if self._first is None or self._next is None else self._next - self._first
+        done = reported = self._done
         while done < samples and not self.stop:
             self._goal = min(reported + report_every, samples)
             taken = self._turn()
@@ -219,27 +243,98 @@ class Loop(ABC):
 
     def finish(self, reason: SafeReason) -> None:
         """SAFE, and the board's own counters. Nothing where ARM was never sent; raises nothing that the link does."""
-        self._board.newest = self.newest
+        self.board.newest = self.newest
         if skipped := self.counters.skipped:
             self.safety.odd.append(
                 f"its ticks left out {count(skipped)} for which no frame is missing: they do not count samples"
             )
-        self.counters.board = self._board.to_safe(reason)
+        self.counters.board = self.board.to_safe(reason)
 
-    @abstractmethod
     def _turn(self) -> int:
         """Wait for samples, `_slice_s` at most, and answer them; how many ticks of the run are done, 0 if none came.
 
         It may go on with the samples that follow until `_goal` ticks are done.
         """
+        while True:
+            self._lend()
+            why = self._c.run()
+            self._take_back()
+            match why:
+                case Why.NEWS:
+                    self._heard()
+                    return self._done
+                case Why.DONE:
+                    return self._done
+                case Why.QUIET:
+                    return 0
+                case Why.WOKEN:
+                    self._wake()
+                    return 0
+                case Why.GAP:
+                    row = self._c.row
+                    self._bridge(row[0], row[3:5])
+                    self._next = row[0]
+                case Why.DUE:
+                    self._see_to_control(self._c.row[0])
+                case Why.FULL:
+                    self._full()
+                case Why.ODD:
+                    raise ProtocolError(f"{self._name}: {self._odd()}", "correct the board's firmware")
+                case Why.BEYOND:
+                    raise BeyondLimits(f"{self._refused()}: nothing was sent; check the observer")
+
+    @property
+    def _done(self) -> int:
+        return 0 if self._next is None or self._first is None else self._next - self._first
+
+    def _lend(self) -> None:
+        """What may have changed since C last ran."""
+        state = self._state
+        state.goal = self._goal
+        if self._pause is not None and self._next is not None and self._next - 1 > self._pause.armed:
+            self._pause = None
+        state.stale = NONE if self._pause is None else self._pause.safe
+        state.link.waker = -1 if self.waker is None else self.waker
+        state.held_longest, state.held_run, state.held_next = self.board.account.held
+        due = [one.due for one in (self._step_target, self._trimming) if one.due is not None]
+        state.due = min([*due, self._close_at if self._waiting else ALWAYS])
+        state.look_after = self._may_look_after()
+
+    def _take_back(self) -> None:
+        """What C has counted."""
+        state, counters, account = self._state, self.counters, self.board.account
+        for name in ("samples", "held", "clipped", "saturated", "residual_safe"):
+            setattr(counters, name, getattr(state, name))
+        account.held = state.held_longest, state.held_run, state.held_next
+        if state.silence_ns:
+            account.silent(state.silence_ns)
+            state.silence_ns = 0
+
+    @abstractmethod
+    def _bind(self) -> None:
+        """Put the addresses of what the mode has into `_state`."""
+
+    @abstractmethod
+    def _odd(self) -> str:
+        """In words what the board shows that it was not told."""
+
+    @abstractmethod
+    def _refused(self) -> str:
+        """In words what the control law gave that may not be sent."""
+
+    def _may_look_after(self) -> int:
+        """Rows after which somebody wants to look at them."""
+        return ALWAYS if self._opening is None else min(self._opening.lacking, SEEN)
+
+    def _full(self) -> None:  # noqa: B027
+        """Make room for what is not taken back anyway."""
+
+    def _heard(self) -> None:  # noqa: B027
+        """Something has come that is no sample."""
 
     @abstractmethod
     def _predict(self, missing: int, drive: Sequence[int]) -> bool:
         """Predict over a short gap before the sample at hand; whether `drive`, which acted last, was to be expected."""
-
-    @abstractmethod
-    def _said(self) -> list[Message]:
-        """What the board has said beside samples since this was last asked."""
 
     @abstractmethod
     def _forget(self) -> None:
@@ -249,9 +344,35 @@ class Loop(ABC):
     def _begin_again(self) -> None:
         """The board was armed again."""
 
-    def _answered(self, sent_ns: int) -> None:
-        """An answer left after a suspiciously long time, or the first of a run, or could not leave."""
-        self._board.account.silent(sent_ns - self._answered_ns)
+    def _see_to_control(self, tick: int) -> None:
+        """Close the loop, or move its target, before the sample of `tick`."""
+        assert self._first is not None
+        since = tick - self._first
+        self._close_at = max(since + 1, self._acquired)
+        if self._waiting and self._may_close(since):
+            self._waiting = False
+            self._close()
+        self._step_target(since)
+        self._trimming(since, tick, closed=not self._waiting)
+
+    def _close(self) -> None:
+        """Close the loop, from the next answer on."""
+        self._observer.enable_control(True)
+
+    def _saw(self, rows: list[SenseRow]) -> None:
+        """Rows that C has answered and recorded."""
+        if self._opening is not None:
+            self._look(rows)
+
+    def _record(self, ticks: NDArray[np.int64], estimates: Estimates) -> None:
+        self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._reported))
+
+    def _record_covariance(self, tick: int, covariance: NDArray[np.float64]) -> None:
+        put_covariance(self._tracks["covariance"], tick, covariance)
+
+    def _said(self) -> list[Message]:
+        """What the board has said beside samples since this was last asked."""
+        return self._endpoint.said()
 
     def _may_close(self, since: int) -> bool:
         """Whether the loop is to be closed with the sample that many ticks from the first: the motion is acquired, and
@@ -360,7 +481,7 @@ class Loop(ABC):
         now_ns = time.monotonic_ns()
         # A host that listens, and is sent no sample, is not the one that was silent.
         if now_ns - max(self._answered_ns, self._listened_ns) > self._suspicious_ns + 1e9 * self._slice_s:
-            self._answered(now_ns)
+            self.board.account.silent(now_ns - self._answered_ns)
         self._listened_ns = now_ns
         self._heed(self._said(), self._answered_ns)
         self.between()
@@ -380,8 +501,8 @@ class Loop(ABC):
     def _heed(self, said: list[Message], newest_ns: int) -> None:
         self._require_recorder()
         self._require_time()
-        self._board.newest = self.newest
-        if pause := self._board.attend(said, newest_ns):
+        self.board.newest = self.newest
+        if pause := self.board.attend(said, newest_ns):
             self.counters.rearmed += 1
             self._pause = pause
             self._answered_ns = time.monotonic_ns()

@@ -322,7 +322,7 @@ class _Driven:
             clock.burst()
             loop.between = clock.follow
         loop.trouble = self._recording.trouble
-        loop.waited_for(self._wait)
+        loop.board.waiting = self._wait
 
         def report(done: int) -> None:
             self._done = done
@@ -396,7 +396,7 @@ class _Line:
 
         self._control, self._loop = control, loop
         self._settings = LiveSettings(observer, bench)
-        loop.answered_safe(self._answered)
+        loop.board.answered = self._answered
 
     def heeds_signals(self) -> None:
         """From now on SIGTERM ends the loop well."""

@@ -13,6 +13,7 @@ from typing import NamedTuple, NoReturn
 
 from hil.bench import Bench
 from hil.numbers import counted
+from hil.running.native import NONE
 from hil.running.safety.asked_again import ask_again, zero_drive
 from hil.running.safety.latching import LATCHING, Safety, Stop, reason_name
 from hil.running.safety.preflight import require_unchanged
@@ -352,6 +353,7 @@ class Account:
 
     Attributes:
         suspicious_ns: a time between two answers from which on `silent` is to be told.
+        held: the longest run of rows without a drive, the one under way, and the tick with which it goes on.
     """
 
     def __init__(self, endpoint: Endpoint, watchdog_ticks: int, block: int, rate_Hz: float, latency: int) -> None:
@@ -368,27 +370,11 @@ class Account:
         self._base = rx.lost, rx.decoder.bad, self._missed(status)
         self._refused, self._repeated = rx.undecodable, rx.repeated
         self._silent_ns = 0
-        self._held = self._held_run = 0
-        self._held_next: int | None = None  # the tick with which the run goes on
-
-    @property
-    def held_so_far(self) -> tuple[int, int, int | None]:
-        """The longest run of rows without a drive, the one under way, and the tick with which it goes on."""
-        return self._held, self._held_run, self._held_next
-
-    @held_so_far.setter
-    def held_so_far(self, value: tuple[int, int, int | None]) -> None:
-        self._held, self._held_run, self._held_next = value
+        self.held = 0, 0, NONE
 
     def silent(self, elapsed_ns: int) -> None:
         """So long passed between two answers of this host."""
         self._silent_ns = max(self._silent_ns, elapsed_ns)
-
-    def held(self, tick: int) -> None:
-        """The row of `tick` says that no drive had come for its interval."""
-        self._held_run = self._held_run + 1 if tick == self._held_next else 1
-        self._held_next = tick + 1
-        self._held = max(self._held, self._held_run)
 
     @property
     def refused(self) -> int:
@@ -414,8 +400,8 @@ class Account:
         """What accounts for a watchdog that tripped."""
         if not self.refused and self._silent_ns >= self.suspicious_ns:
             return f"this host sent nothing for {1e-9 * self._silent_ns:.3g} s"
-        if self._held >= self._held_ticks:
-            return f"answers were late on {self._held} ticks running"
+        if self.held[0] >= self._held_ticks:
+            return f"answers were late on {self.held[0]} ticks running"
         return self.of_silence(status)
 
     @property
