@@ -14,7 +14,8 @@ VENDOR := hil/service/page/vendor
 PAGE   := $(VENDOR)/uPlot.esm.js
 NATIVE := device_emulator/native/libdevice.so.1 hil/running/native/libturn.so.1 hil/plugins/native/libplugin.so.1 estimator/core/libcore.so.1
 NATIVE_SOURCES := $(wildcard device_emulator/native/*.[ch] hil/running/native/*.[ch] hil/plugins/native/*.[ch] hil/plugins/shipped/*/*.[ch] estimator/core/*.[ch] \
-  estimator/core/*/*.py estimator/model/*.py estimator/effects/*.py device_emulator/effects/*.py) firmware/src/hil_spec.c firmware/src/hil_spec.h
+  estimator/core/*/*.py estimator/model/*.py estimator/effects/*.py device_emulator/effects/*.py \
+  firmware/src/hil_spec.? firmware/src/hil_frame.? firmware/src/hil_crc32c.?)
 
 .PHONY: help install demo test test-beside test-on-can test-long coverage test-vcan quick check bench undeclared measured docs wheel
 

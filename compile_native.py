@@ -13,15 +13,13 @@ from types import ModuleType
 ROOT = Path(__file__).parent
 CORE = ROOT / "estimator" / "core"
 EMULATOR = ROOT / "device_emulator" / "native"
+FRAMES = tuple(f"firmware/src/hil_{name}.c" for name in ("spec", "frame", "crc32c"))
 LIBRARIES = {
-    "device_emulator/native/libdevice.so.1": (
-        "device_emulator/native/device.c",
-        *(f"firmware/src/hil_{name}.c" for name in ("spec", "frame", "crc32c")),
-    ),
+    "device_emulator/native/libdevice.so.1": ("device_emulator/native/device.c", *FRAMES),
     "hil/plugins/native/libplugin.so.1": ("hil/plugins/native/plugin.c",),
     "hil/plugins/native/libslow_flow.so.1": ("hil/plugins/shipped/slow_flow/slow_flow.c",),
     "hil/plugins/native/libclassic.so.1": ("hil/plugins/shipped/classic/classic.c",),
-    "hil/running/native/libturn.so.1": ("hil/running/native/turn.c", "firmware/src/hil_spec.c"),
+    "hil/running/native/libturn.so.1": ("hil/running/native/turn.c", *FRAMES),
 }
 """What is built beside the core, from which sources; paths from the root of the project."""
 HEADERS = {"estimator.core.generate": CORE / "model.h", "device_emulator.effects.kinds": EMULATOR / "kinds.h"}

@@ -80,56 +80,38 @@ class Why(IntEnum):
 
 
 class ReceiverState(ctypes.Structure):
-    """`receiver_t`"""
-
     _fields_ = [("short" if name == "too_short" else name, kind) for name, kind in _HEADER.fields("receiver_t")]
 
 
 class CanState(ctypes.Structure):
-    """`can_t`"""
-
     _fields_ = _HEADER.fields("can_t")
 
 
 class Batch(ctypes.Structure):
-    """`batch_t`"""
-
     _fields_ = _HEADER.fields("batch_t")
 
 
 class EchoState(ctypes.Structure):
-    """`echo_t`"""
-
     _fields_ = _HEADER.fields("echo_t")
 
 
 class MatricesState(ctypes.Structure):
-    """`matrices_t`"""
-
     _fields_ = _HEADER.fields("matrices_t")
 
 
 class GainsState(ctypes.Structure):
-    """`gains_t`"""
-
     _fields_ = _HEADER.fields("gains_t")
 
 
 class PermitState(ctypes.Structure):
-    """`permit_t`"""
-
     _fields_ = _HEADER.fields("permit_t")
 
 
 class BlocksState(ctypes.Structure):
-    """`blocks_t`"""
-
     _fields_ = _HEADER.fields("blocks_t")
 
 
 class TurnState(ctypes.Structure):
-    """`turn_t`"""
-
     _fields_ = _HEADER.fields("turn_t")
 
 
@@ -148,27 +130,21 @@ def _load() -> ctypes.CDLL:
     except OSError as error:
         raise ImportError(f"{_PATH.name} of the loop cannot be loaded ({error}); run `make install`") from None
     pointer, whole, code = ctypes.c_void_p, ctypes.c_int64, ctypes.c_int32
-    library.turn_run.argtypes = (pointer,)
-    library.turn_leave_open.argtypes = (pointer,)
-    library.turn_leave_open.restype = None
-    library.matrices_forget.argtypes = (pointer,)
-    library.matrices_forget.restype = None
-    library.matrices_sent.argtypes = (pointer, whole)
-    library.matrices_sent.restype = None
-    library.matrices_named.argtypes = (pointer, whole, whole, whole)
-    library.matrices_named.restype = whole
-    library.turn_feed.argtypes = (pointer, pointer, pointer, ctypes.c_char_p, whole)
-    library.turn_feed.restype = whole
-    library.echo_forget.argtypes = (pointer,)
-    library.echo_forget.restype = None
-    library.echo_sent.argtypes = (pointer, code, code, whole)
-    library.echo_sent.restype = None
-    library.echo_saw.argtypes = (pointer, whole, code, code, code)
-    library.echo_saw.restype = whole
-    expected = (ROW.itemsize, *map(ctypes.sizeof, (ReceiverState,)), SAID.itemsize)
-    expected += tuple(
-        map(ctypes.sizeof, (EchoState, MatricesState, GainsState, PermitState, BlocksState, TurnState, CanState))
-    )
+    for name, (result, *arguments) in {
+        "turn_run": (code, pointer),
+        "turn_leave_open": (None, pointer),
+        "turn_feed": (whole, *[pointer] * 3, ctypes.c_char_p, whole),
+        "matrices_forget": (None, pointer),
+        "matrices_sent": (None, pointer, whole),
+        "matrices_named": (whole, pointer, *[whole] * 3),
+        "echo_forget": (None, pointer),
+        "echo_sent": (None, pointer, code, code, whole),
+        "echo_saw": (whole, pointer, whole, *[code] * 3),
+    }.items():
+        function = getattr(library, name)
+        function.restype, function.argtypes = result, arguments
+    shared = EchoState, MatricesState, GainsState, PermitState, BlocksState, TurnState, CanState
+    expected = ROW.itemsize, ctypes.sizeof(ReceiverState), SAID.itemsize, *map(ctypes.sizeof, shared)
     sizes = (ctypes.c_int64 * len(expected))()
     library.turn_sizes(sizes)
     if tuple(sizes) != expected:

@@ -237,31 +237,40 @@ static int write_datagram(link_t *link, const uint8_t *data, size_t size)
     return CAME;
 }
 
+typedef struct {
+    uint8_t bytes[RECORD_SIZE]; /* a frame of the host, which is one piece */
+    size_t size;
+} sealed_t;
+
+static void put_down(void *context, const uint8_t *data, size_t size)
+{
+    sealed_t *sealed = context;
+    memcpy(sealed->bytes + sealed->size, data, size);
+    sealed->size += size;
+}
+
 /* A message, on its way; `sent_ns` is when. */
 static int send_message(turn_t *turn, uint8_t type, const uint8_t *payload, size_t size)
 {
     link_t *link = &turn->link;
-    uint8_t body[HIL_HEADER_SIZE + HIL_MAX_HOST_PAYLOAD], data[RECORD_SIZE];
+    sealed_t out = {.size = 0};
+    uint16_t seq = (uint16_t)turn->seq;
     uint32_t tick = (uint32_t)turn->receiver->tick;
-    size_t sealed;
-    if (turn->can != NULL) {
-        sealed = record_of(turn->can, type, (uint16_t)turn->seq, tick, payload, size, data);
-    } else {
-        body[0] = type;
-        put_little(body + 1, (uint32_t)turn->seq, 2u);
-        put_little(body + 3, tick, 4u);
-        memcpy(body + HIL_HEADER_SIZE, payload, size);
-        sealed = seal(body, HIL_HEADER_SIZE + size, data);
-    }
+    hil_frame frame = {type, true, seq, tick, payload, size};
+    if (turn->can != NULL)
+        out.size = record_of(turn->can, type, seq, tick, payload, size, out.bytes);
+    else
+        hil_frame_write(&frame, put_down, &out);
     turn->types[turn->seq] = type;
     turn->seq = (turn->seq + 1) & 0xFFFF;
     int done;
     if (link->kind == LINK_BYTES)
-        done = link->send(data, (int64_t)sealed) < 0 ? RAISED : CAME;
+        done = link->send(out.bytes, (int64_t)out.size) < 0 ? RAISED : CAME;
     else if (link->kind == LINK_MEMORY)
-        done = write_memory(link, data, sealed);
+        done = write_memory(link, out.bytes, out.size);
     else
-        done = link->kind == LINK_STREAM ? write_stream(link, data, sealed) : write_datagram(link, data, sealed);
+        done = link->kind == LINK_STREAM ? write_stream(link, out.bytes, out.size)
+                                         : write_datagram(link, out.bytes, out.size);
     turn->sent_ns = now_ns();
     return done;
 }

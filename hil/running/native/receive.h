@@ -3,7 +3,7 @@
 #ifndef TURN_RECEIVE_H
 #define TURN_RECEIVE_H
 
-#include "frame.h"
+#include "structs.h"
 
 #define REPEAT_WINDOW 256 /* hil.wire.stream has these two */
 #define REPEAT_RUN 4
@@ -47,6 +47,14 @@ static void say(batch_t *batch, int type, int seq, int64_t tick, const uint8_t *
     batch->said_size += (int64_t)sizeof said;
     memcpy(batch->said + batch->said_size, payload, size);
     batch->said_size += (int64_t)((size + 7u) & ~(size_t)7u);
+}
+
+static uint32_t little(const uint8_t *from, unsigned size)
+{
+    uint32_t value = 0;
+    for (unsigned k = 0; k < size; k++)
+        value |= (uint32_t)from[k] << (8u * k);
+    return value;
 }
 
 /* Rows of a SENSE; false if it contradicts itself. */
@@ -105,28 +113,24 @@ static void take_frame(receiver_t *rx, batch_t *batch, uint8_t type, uint16_t se
         rx->undecodable++;
 }
 
-/* A run of bytes between two delimiters; it is decoded where it stands. */
-static void take_run(receiver_t *rx, batch_t *batch, uint8_t *run, size_t size)
+/* A run of bytes between two delimiters. */
+static void take_run(receiver_t *rx, batch_t *batch, const uint8_t *run, size_t size)
 {
-    if (size > HIL_MAX_ENCODED) {
-        rx->oversize++;
-    } else {
-        int64_t body = unstuff(run, size);
-        if (body < 0) {
-            rx->cobs_errors++;
-        } else if (body < (int64_t)HIL_MIN_BODY) {
-            rx->too_short++;
-        } else if (crc32c(run, (size_t)body) != CRC_RESIDUE) {
-            rx->crc_errors++;
-        } else if (body > (int64_t)HIL_MAX_BODY) {
-            rx->oversize++;
-        } else {
-            rx->frames++;
-            take_frame(rx, batch, run[0], (uint16_t)little(run + 1, 2u), little(run + 3, 4u), run + HIL_HEADER_SIZE,
-                       (size_t)body - HIL_CRC_SIZE - HIL_HEADER_SIZE);
-            return;
-        }
+    hil_reader reader;
+    hil_frame frame;
+    uint8_t body[HIL_MAX_BODY];
+    hil_reader_init(&reader, body, sizeof body);
+    for (size_t k = 0; k < size; k++)
+        (void)hil_reader_take(&reader, run[k], &frame);
+    if (hil_reader_take(&reader, 0, &frame)) {
+        rx->frames++;
+        take_frame(rx, batch, frame.type, frame.seq, frame.tick, frame.payload, frame.size);
+        return;
     }
+    rx->cobs_errors += reader.cobs_errors;
+    rx->too_short += reader.too_short;
+    rx->crc_errors += reader.crc_errors;
+    rx->oversize += reader.oversize;
     rx->dropped_bytes += (int64_t)size;
 }
 

@@ -7,7 +7,6 @@ the observer has settled, and what it did not know before is in neither (docs/de
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,6 @@ from hil.inputs.declared import formula_of
 from hil.records.table import scored_from_s
 from hil.verdict.uncertainty import Sources
 
-Number = Any  # a float, or an array (n,)
 Floats = NDArray[np.float64]
 
 
@@ -47,32 +45,26 @@ class ReportedAngle:
         theta = pattern_angle(x, vx, y, vy, self._bench.target_stiffness_per_s2)
         return self._correction.follow(t_s, theta, angle, rate)
 
-    def valid(self, energy: Number, quadrature: Number) -> Number:
-        """Whether the ellipse is slender enough for its angle to mean something, and has the energy that is held."""
-        slender = abs(quadrature) <= self._limits.quadrature
-        held = abs(energy - 1.0) <= self._limits.energy_error if self._energy_held else energy > 0.0
-        return slender & held & (self.kind != "none")
+    def valid(self, energy: Floats, quadrature: Floats) -> NDArray[np.bool_]:
+        """Whether (n,) the ellipse is slender enough for its angle to mean something, and has the energy that is held."""
+        slender = np.abs(quadrature) <= self._limits.quadrature
+        held = np.abs(energy - 1.0) <= self._limits.energy_error if self._energy_held else energy > 0.0
+        return np.asarray(slender & held & (self.kind != "none"))
 
     def follow(
         self,
-        t_s: Number,
-        angles: Sequence[Number],
-        deviation: Number,
-        stiffness_xy: Number,
-        damping: tuple[Number, Number, Number],
-    ) -> tuple[list[Number], Number]:
-        """The angles counted from the zero, and the standard uncertainty of the first of them, at bench time t_s: of
-        angles since the run began, the reported one, what was taken off of it for forces, and any more; the deviation
-        by estimation, and the constants as estimated there.  Numbers, or arrays (n,) in order.
+        t_s: Floats,
+        angles: Sequence[Floats],
+        deviation: Floats,
+        stiffness_xy: Floats,
+        damping: tuple[Floats, Floats, Floats],
+    ) -> tuple[list[Floats], Floats]:
+        """The angles counted from the zero, and the standard uncertainty of the first of them, at bench times t_s (n,),
+        in order: of angles since the run began, the reported one, what was taken off of it for forces, and any more;
+        the deviation by estimation, and the constants as estimated there.
         """
         if self._zero is None:
-            first_s = float(t_s[0] if isinstance(t_s, np.ndarray) else t_s)
-            self._zero_s = scored_from_s(first_s, self._bench.loop.settle_s, self._bench.device.sample_rate_Hz)
-        if not isinstance(t_s, np.ndarray):
-            if self._zero is None or (not self._scored and t_s >= self._zero_s):
-                self._refer(t_s, angles)
-            return self._since(t_s, angles, deviation, stiffness_xy, damping)
-        if self._zero is None:
+            self._zero_s = scored_from_s(float(t_s[0]), self._bench.loop.settle_s, self._bench.device.sample_rate_Hz)
             self._refer(t_s[0], [angle[0] for angle in angles])
         before = self._since(t_s, angles, deviation, stiffness_xy, damping)
         if self._scored or t_s[-1] < self._zero_s:
@@ -90,17 +82,14 @@ class ReportedAngle:
 
     def _since(
         self,
-        t_s: Number,
-        angles: Sequence[Number],
-        deviation: Number,
-        stiffness_xy: Number,
-        damping: tuple[Number, Number, Number],
-    ) -> tuple[list[Number], Number]:
+        t_s: Floats,
+        angles: Sequence[Floats],
+        deviation: Floats,
+        stiffness_xy: Floats,
+        damping: tuple[Floats, Floats, Floats],
+    ) -> tuple[list[Floats], Floats]:
         assert self._zero is not None
         start_s, *zeros = self._zero
         counted = [angle - zero for angle, zero in zip(angles, zeros, strict=True)]
         course = self._sources.course(t_s - start_s, counted[0], counted[1], stiffness_xy, damping)
-        try:
-            return counted, sum(self._sources.variances(deviation, course).values()) ** 0.5
-        except OverflowError:  # of plain numbers, when the observer diverged
-            return counted, math.inf
+        return counted, np.sqrt(sum(self._sources.variances(deviation, course).values()))
