@@ -98,9 +98,6 @@ class RealHost(Line):
         return self.board.tick
 
     def marks(self, data: bytes) -> list[bytes | int]:
-        drive = self._rx.take_drive(data)
-        if drive is not None:
-            return [drive[2] - self._latency]
         messages = [received.message for received in self._rx.feed(data)]
         return [message.effective_tick - self._latency for message in messages if isinstance(message, DriveForce)]
 

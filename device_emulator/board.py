@@ -40,6 +40,7 @@ from device_emulator.registers import Refused, Registers
 from device_emulator.scenario import Scenario
 from hil.wire.codec import type_of
 from hil.wire.frame_format import FrameFormat
+from hil.wire.framing import Decoder
 from hil.wire.messages import (
     Arm,
     Capabilities,
@@ -67,7 +68,7 @@ from hil.wire.messages import (
     TrimRead,
 )
 from hil.wire.sense import Sense
-from hil.wire.serial_format import SERIAL, SerialDecoder, SerialFormat
+from hil.wire.serial_format import SERIAL, SerialFormat
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received, Receiver, Transmitter
 
@@ -305,13 +306,9 @@ class Board:
         return np.ctypeslib.as_array(self._c.codes)
 
     def _heard(self, data: bytes) -> list[Received]:
-        """The messages in what the host says. A single drive on a link of frames is told apart in a short way."""
-        rx, c = self._rx, self._c
-        if not c.stream and c.state == State.RUNNING and not c.gain_mode and (drive := rx.take_drive(data)) is not None:
-            rx.refused = []
-            return [Received(rx.tick, -1, DriveForce(*drive))]
-        received = rx.feed(data)
-        c.pending = isinstance(rx.decoder, SerialDecoder) and (rx.decoder.pending > 0 or rx.decoder.skipping)
+        """The messages in what the host says."""
+        decoder, received = self._rx.decoder, self._rx.feed(data)
+        self._c.pending = isinstance(decoder, Decoder) and bool(decoder.rest or decoder.skipping)
         return received
 
     def pass_time(self, tick: int) -> bytes:

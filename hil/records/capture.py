@@ -158,7 +158,7 @@ class Capture(Table):
     @property
     def lost(self) -> int:
         """How many samples are missing between its first and its last."""
-        first, last = self.ends
+        first, last = self.ends if len(self) else (0, -1)
         return last + 1 - first - len(self)
 
     @property

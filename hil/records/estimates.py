@@ -78,11 +78,6 @@ class Estimates(Table):
 
     KIND = "estimates"
 
-    @property
-    def ends_s(self) -> tuple[float, float]:
-        """Bench time of the first row and of the last, of estimates that are not empty."""
-        return float(self.part(0, 1).t_s[0]), float(self.part(len(self) - 1, len(self)).t_s[0])
-
     def __contains__(self, name: str) -> bool:
         return name in self.columns
 

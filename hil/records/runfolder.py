@@ -145,7 +145,7 @@ class RunFolder:
         time goes on from one run to the next."""
         for record in (self.estimates, self.innovation, self.capture):
             if record is not None and len(record):
-                return scored_from_s(float(record.part(0, 1).t_s[0]), self.settle_s, record.tick_rate_Hz)
+                return scored_from_s(record.ends_s[0], self.settle_s, record.tick_rate_Hz)
         return self.settle_s
 
     @property

@@ -64,7 +64,7 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         run=folder.path.resolve().name,
         seconds=_seconds(capture, estimates),
         samples=0 if capture is None else len(capture),
-        lost=0 if capture is None else lost_samples(capture),
+        lost=0 if capture is None else capture.lost,
         late=0 if counted is None else counted.late,
         answers=counted,
         angle_error_rms_rad=beside.angle_rms_rad,
@@ -78,14 +78,6 @@ def summarise(folder: RunFolder, counters: Mapping[str, int] | None = None) -> R
         board=on_board(folder),
         complete=capture is not None and capture.complete,
     )
-
-
-def lost_samples(capture: Capture) -> int:
-    """Samples missing between the first and the last row."""
-    if not len(capture):
-        return 0
-    first, last = capture.ends
-    return last - first + 1 - len(capture)
 
 
 def answers(capture: Capture | None, timing: Timing | None, counters: Mapping[str, int]) -> Answers | None:
@@ -257,7 +249,8 @@ def _seconds(capture: Capture | None, estimates: Estimates | None) -> float:
     record = capture if capture is not None else estimates
     if record is None or not len(record):
         return 0.0
-    return float(record.part(len(record) - 1, len(record)).t_s[0] - record.part(0, 1).t_s[0])
+    first_s, last_s = record.ends_s
+    return last_s - first_s
 
 
 def _true_value(name: str, estimates: Estimates, truth: Truth, effects: Collection[str]) -> float | None:

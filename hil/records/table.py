@@ -107,13 +107,18 @@ class Table:
         """The part from `settle_s` after the first row on, see `scored_from_s`."""
         if not len(self):
             return self
-        return self.since(scored_from_s(float(self.part(0, 1).t_s[0]), settle_s, self.tick_rate_Hz))
+        return self.since(scored_from_s(self.ends_s[0], settle_s, self.tick_rate_Hz))
 
     @property
     def ends(self) -> tuple[int, int]:
         """First and last tick of a record that is not empty."""
         last = len(self) - 1
         return int(self.part(0, 1).tick[0]), int(self.part(last, last + 1).tick[0])
+
+    @property
+    def ends_s(self) -> tuple[float, float]:
+        """Bench times of both."""
+        return float(self.part(0, 1).t_s[0]), float(self.part(len(self) - 1, len(self)).t_s[0])
 
     def _of(self, columns: Columns) -> Self:
         """Some of its rows."""

@@ -46,36 +46,27 @@ def scan_of(capture: "Capture", bench: Bench, progress: Watcher) -> "answer.Comp
     if len(capture) < 2:
         return Completeness(Outcome.UNKNOWN, "not scanned: a single sample is too few", samples=len(capture))
     first, last = capture.ends
-    begin_s = float(capture.part(0, 1).t_s[0])
+    begin_s, end_s = capture.ends_s
     device, stretches = recorded_device_of(bench, capture), []
     drives = drives_of(capture, device)
     settings = observer_settings_of(bench)
     for part in stretches_of(last - first + 1, settling(settings, device)):
         rows = capture.between(first + part.start, first + part.stop - 1)
         if len(rows) > 1:
-            stretches.append(Stretch(record_of(rows, drives), begin_s_of(rows), from_start=part.start == 0))
+            interval_s = rows.ends_s[0] - 1.0 / rows.tick_rate_Hz  # where that of the first row begins
+            stretches.append(Stretch(record_of(rows, drives), interval_s, from_start=part.start == 0))
     found = closing_scan(
         stretches,
         device,
         settings,
         control_of(bench, capture),
-        scored_s=(scored_from_s(begin_s, bench.loop.settle_s, capture.tick_rate_Hz), end_s_of(capture)),
+        scored_s=(scored_from_s(begin_s, bench.loop.settle_s, capture.tick_rate_Hz), end_s),
         limits=Limits(bench.limits.angle_rad, bench.limits.innovation_ratio),
         declared=bench.device.calibration.by_symbol(bench.device.resonance_rad_s),
         progress=lambda stage, done, total: progress(Progress(stage, done, total)),
     )
     blamed = [(item.effect, item.coefficients) for item in (*found.lacks, *found.harmless)]
     return replace(found, reason="; ".join([found.reason, *drive_words(blamed, bench.device.mass_kg)]))
-
-
-def begin_s_of(rows: "Capture") -> float:
-    """Bench time at which the interval of the first row begins."""
-    return float(rows.part(0, 1).t_s[0]) - 1.0 / rows.tick_rate_Hz
-
-
-def end_s_of(capture: "Capture") -> float:
-    """Bench time of the last row."""
-    return float(capture.part(len(capture) - 1, len(capture)).t_s[0])
 
 
 def to_model(found: "answer.Completeness", began: float) -> Scan:

@@ -16,7 +16,6 @@ from hil.errors import InputError
 from hil.records.capture import read_capture
 from hil.records.rates import sensor_figures
 from hil.records.stream import BlockWriter
-from hil.records.summary import lost_samples
 from hil.sensors.port import find_port, open_source, recognised
 from hil.sensors.record import Stream, counters_of
 from hil.wire.errors import WireError
@@ -49,7 +48,7 @@ def main(link: str, file: Path) -> int:
         {
             "stopped": stopped,
             "samples": len(capture),
-            "lost": lost_samples(capture),
+            "lost": capture.lost,
             "counters": counters_of(port.adapter, stream),
             "silent_s": stream.longest_silence_s,
             "sensor": sensor.model_dump(mode="json"),

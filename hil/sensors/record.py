@@ -17,7 +17,6 @@ from hil.records.rates import rates_layout, sensor_figures
 from hil.records.result import Result, Sensor, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter
-from hil.records.summary import lost_samples
 from hil.sensors.adapter import Adapter, Sample
 from hil.sensors.port import Port, Source, hear, open_source, recognised
 from hil.sensors.request import RecordRequest
@@ -303,7 +302,7 @@ def _conclude(folder: Path, adapter: Adapter, stream: Stream, link: str, note: s
         clock="real",
         seconds=float(capture.t_s[-1] - capture.t_s[0]) if len(capture) else 0.0,
         samples=len(capture),
-        lost=lost_samples(capture),
+        lost=capture.lost,
         counters=counters_of(adapter, stream),
         sensor=sensor,
         versions={"gyrohil": version("gyrohil")},

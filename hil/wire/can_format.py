@@ -49,7 +49,7 @@ def _shifts(fields: tuple[Field, ...]) -> dict[str, int]:
 
 
 _TYPE = {name: layout.type for name, layout in (*SPEC.messages.items(), *CAN.classic.items())}
-_SENSE, _DRIVE, _STATUS, _SAFE, _ARM = (_TYPE[name] for name in ("SENSE", "DRIVE_FORCE", "STATUS", "SAFE", "ARM"))
+_SENSE, _STATUS, _SAFE, _ARM = (_TYPE[name] for name in ("SENSE", "STATUS", "SAFE", "ARM"))
 _BRIEF = _TYPE["STATUS_BRIEF"]
 _PART = _struct(CAN.header)
 _SAFE_BODY, _ARM_BODY, _BRIEF_BODY = (
@@ -62,10 +62,6 @@ _BRIEF_LIMITS = [(1 << field.bits) - 1 for field in CAN.classic["STATUS_BRIEF"].
 
 # The bit fields n, wide and flags of SENSE share a byte, `shape`.
 _ROWS = _struct(CAN.sense)
-_ROW_16 = struct.Struct(_ROWS.format + "hhhh")
-_ROW_24 = struct.Struct(_ROWS.format + "HbHbHbHb")
-_DRIVE_PART = struct.Struct(_PART.format + SPEC.messages["DRIVE_FORCE"].struct[1:])
-_DRIVE_SIZE = _DRIVE_PART.size - _PART.size
 _BLOCK = struct.Struct(SPEC.messages["SENSE"].struct)
 _ROW_SIZE = {2: 2 * len(COLUMNS), 3: 3 * len(COLUMNS)}
 _SHIFTS = _shifts(CAN.sense)
@@ -84,15 +80,11 @@ class CanDecoder:
         unfinished: type and seq of the message whose parts are being joined, None for none; `joined` are those so far.
     """
 
-    __slots__ = (
-        "_drive", "_rest", "_row_16", "_row_24", "_types",
-        "broken", "bytes", "frames", "joined", "malformed", "unfinished",
-    )  # fmt: skip
+    __slots__ = ("_rest", "_types", "broken", "bytes", "frames", "joined", "malformed", "unfinished")
 
     def __init__(self, node: int, sender: Sender) -> None:
         self._types = {CAN.identifier(type_, node, sender): type_ for type_ in range(1 << 11 - CAN.type_shift)}
         del self._types[CAN.identifier(_BRIEF, node, sender)]
-        self._drive = HEAD.pack(CAN.identifier(_DRIVE, node, sender), _LEGAL[_DRIVE_PART.size], 0)[:5]
         self._rest = b""
         self.unfinished: tuple[int, int] | None = None
         self.joined = b""
@@ -124,17 +116,6 @@ class CanDecoder:
                     self.frames += 1
                     frames.append(frame)
         return frames
-
-    def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
-        """As `FrameDecoder.drive`."""
-        if len(data) != RECORD_SIZE or self._rest or self.unfinished or data[:5] != self._drive:
-            return None
-        found, tick, size, part, ux, uy, effective_tick = _DRIVE_PART.unpack_from(data, HEAD.size)
-        if found != seq or size != _DRIVE_SIZE or part != 0:
-            return None
-        self.frames += 1
-        self.bytes += len(data)
-        return tick, ux, uy, effective_tick
 
     def _open(self, type_: int, data: bytes, length: int) -> Frame | None:
         """The frame in the data bytes of one CAN frame; None for a part of one, and after counting a bad one."""
@@ -207,7 +188,6 @@ class CanFormat:
     def __init__(self, node: int, sender: Sender) -> None:
         self.node = node
         self._sender = sender
-        self._row_16, self._row_24 = (self._start(_SENSE, body.size) for body in (_ROW_16, _ROW_24))
 
     def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
         """As `FrameFormat.encode`. SENSE takes a number for every frame it needs."""
@@ -227,21 +207,6 @@ class CanFormat:
             for k, part in enumerate(payload[at : at + ROOM] for at in range(0, len(payload) + 1, ROOM))
         )
         return said + self._brief(payload) if type_ == _STATUS else said, 1
-
-    def encode_row(self, seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
-        """As `FrameFormat.encode_row`."""
-        shape = 1 | flags << _FLAGS_SHIFT
-        try:
-            if width == 2:
-                return self._row_16 + _ROW_16.pack(seq, tick & 0xFFFFFFFF, shape, 0, vx, vy, ux, uy) + _ROW_16_PAD
-            if width == 3:
-                return self._row_24 + _ROW_24.pack(
-                    seq, tick & 0xFFFFFFFF, shape | _WIDE, 0,
-                    vx & 0xFFFF, vx >> 16, vy & 0xFFFF, vy >> 16, ux & 0xFFFF, ux >> 16, uy & 0xFFFF, uy >> 16,
-                ) + _ROW_24_PAD  # fmt: skip
-        except struct.error:
-            raise ProtocolError(f"SENSE: a code of {(vx, vy, ux, uy)} does not fit into {width} bytes") from None
-        raise ProtocolError(f"SENSE.width: {width} bytes per code; expected 2 or 3")
 
     def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
         """As `FrameFormat.cut`: single CAN frames."""
@@ -277,10 +242,6 @@ class CanFormat:
         return self._record(_BRIEF, _BRIEF_BODY.pack(*brief), fd=False)
 
     def _record(self, type_: int, body: bytes, *, fd: bool = True) -> bytes:
-        return (self._start(type_, len(body), fd=fd) + body).ljust(RECORD_SIZE, b"\0")
-
-    def _start(self, type_: int, size: int, *, fd: bool = True) -> bytes:
-        return HEAD.pack(CAN.identifier(type_, self.node, self._sender), _LEGAL[size], BRS | FDF if fd else 0)
-
-
-_ROW_16_PAD, _ROW_24_PAD = (bytes(RECORD_SIZE - HEAD.size - body.size) for body in (_ROW_16, _ROW_24))
+        identifier = CAN.identifier(type_, self.node, self._sender)
+        head = HEAD.pack(identifier, _LEGAL[len(body)], BRS | FDF if fd else 0)
+        return (head + body).ljust(RECORD_SIZE, b"\0")

@@ -33,11 +33,6 @@ class FrameDecoder(Protocol):
         """The intact frames that `data` completes, in order."""
         ...
 
-    def drive(self, data: bytes, seq: int | None) -> tuple[int, int, int, int] | None:
-        """(tick, ux, uy, effective tick) if `data` is exactly one DRIVE_FORCE with that sequence number, and nothing is
-        pending; it is counted then. Else None, nothing changes, and `data` is still to be fed."""
-        ...
-
 
 class FrameFormat(Protocol):
     """Makes frames, and decoders for those of the other end. `seq` is u16; ticks may be of any width.
@@ -54,10 +49,6 @@ class FrameFormat(Protocol):
         Raises:
             ProtocolError: the payload is longer than the spec allows.
         """
-        ...
-
-    def encode_row(self, seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
-        """SENSE with one row, the short way. Codes must fit `width` (2 or 3) bytes, else ProtocolError."""
         ...
 
     def cut(self, data: bytes) -> tuple[list[bytes], bytes]:

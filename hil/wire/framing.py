@@ -99,11 +99,6 @@ class Decoder:
         """Runs dropped for any reason."""
         return self.cobs_errors + self.short + self.crc_errors + self.oversize
 
-    @property
-    def pending(self) -> int:
-        """Bytes held back for want of a delimiter, at most MAX_ENCODED."""
-        return len(self.rest)
-
     def feed(self, data: bytes) -> list[Frame]:
         """The intact frames that `data` completes, in order."""
         return [Frame._make((*HEADER.unpack_from(body), body[HEADER.size : -CRC_SIZE])) for body in self._bodies(data)]
@@ -127,20 +122,6 @@ class Decoder:
             rest = b""
         self.rest = rest
         return bodies
-
-    def peek(self, data: bytes) -> bytes | None:
-        """The body if `data` is exactly one intact frame and nothing is pending, else None; changes nothing.
-
-        The short way for a loop that gets one frame at a time: a caller that uses the body adds to `frames`
-        and `bytes`, one that does not gives the same data to `feed`.
-        """
-        if self.rest or self.skipping or not data or data[0] or data[-1]:
-            return None
-        try:
-            body: bytes = cobs_decode(data[1:-1])
-        except DecodeError:
-            return None
-        return body if crc32c(body) == _RESIDUE and MIN_BODY <= len(body) <= MAX_BODY else None
 
     def _open(self, run: bytes) -> bytes | None:
         """Body of one run between delimiters, or None after counting why not."""

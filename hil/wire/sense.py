@@ -1,5 +1,4 @@
-"""SENSE: blocks of sampled codes. Whole blocks go through NumPy, the single sample of force mode through
-`struct`."""
+"""SENSE: blocks of sampled codes."""
 
 import struct
 from typing import NamedTuple
@@ -8,7 +7,6 @@ import numpy as np
 import numpy.typing as npt
 
 from hil.wire.errors import ProtocolError
-from hil.wire.framing import HEADER
 from hil.wire.spec import SPEC
 
 Codes = npt.NDArray[np.int32]
@@ -23,14 +21,8 @@ COLUMNS = tuple(field.name for field in _LAYOUT.rows)
 _BLOCK = struct.Struct(_LAYOUT.struct)
 _LIMIT = {2: 1 << 15, 3: 1 << 23}
 
-SENSE = _LAYOUT.type
 MAX_ROWS = {width: (SPEC.max_payload - _BLOCK.size) // (len(COLUMNS) * width) for width in _LIMIT}
 """Rows that fit into one payload, by code width in bytes."""
-
-# Header and a payload of one row in a single call. A 24-bit code is a low unsigned half-word and a high
-# signed byte.
-_ROW_16 = struct.Struct(HEADER.format + _LAYOUT.struct[1:] + "hhhh")
-_ROW_24 = struct.Struct(HEADER.format + _LAYOUT.struct[1:] + "HbHbHbHb")
 
 
 class Sense(NamedTuple):
@@ -93,23 +85,3 @@ def decode_sense(payload: bytes) -> Sense:
     words[:, 1:] = np.frombuffer(payload, np.uint8, offset=_BLOCK.size).reshape(-1, 3)
     codes = (words.view("<i4")[:, 0] >> 8).astype(np.int32, copy=False)
     return Sense(codes.reshape(count, len(COLUMNS)), width, flags, matrix_id)
-
-
-def row_body(seq: int, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
-    """Header and payload of force mode's SENSE with one row, checksum not yet appended; `seq` u16 and `tick` u32
-    already wrapped.
-
-    Raises:
-        ProtocolError: width is not 2 or 3, or a code does not fit.
-    """
-    try:
-        if width == 2:
-            return _ROW_16.pack(SENSE, seq, tick, 1, 2, flags, 0, vx, vy, ux, uy)
-        if width == 3:
-            return _ROW_24.pack(
-                SENSE, seq, tick, 1, 3, flags, 0,
-                vx & 0xFFFF, vx >> 16, vy & 0xFFFF, vy >> 16, ux & 0xFFFF, ux >> 16, uy & 0xFFFF, uy >> 16,
-            )  # fmt: skip
-    except struct.error:
-        raise ProtocolError(f"SENSE: a code of {(vx, vy, ux, uy)} does not fit into {width} bytes") from None
-    raise ProtocolError(f"SENSE.width: {width} bytes per code; expected 2 or 3")

@@ -73,12 +73,6 @@ class Transmitter:
             self.seq = (self.seq + spent) & 0xFFFF
         return data
 
-    def encode_row(self, tick: int, vx: int, vy: int, ux: int, uy: int, flags: int, width: int) -> bytes:
-        """SENSE with one row, the short way. Codes must fit `width` (2 or 3) bytes, else ProtocolError."""
-        data = self._format.encode_row(self.seq, tick, vx, vy, ux, uy, flags, width)
-        self.seq = (self.seq + 1) & 0xFFFF
-        return data
-
 
 class Receiver:
     """Takes bytes, gives messages; follows sequence numbers and ticks. Types in `foreign` are refused unread: what only
@@ -165,19 +159,6 @@ class Receiver:
             if self._follows(frame.seq):
                 self.tick = unwrap(frame.tick, before)
                 yield frame._replace(tick=self.tick), before
-
-    def take_drive(self, data: bytes) -> tuple[int, int, int] | None:
-        """(ux, uy, effective tick, low 32 bits) if `data` is exactly one DRIVE_FORCE, next in sequence;
-        otherwise None, nothing is counted, and `data` still has to be fed."""
-        drive = self.decoder.drive(data, self.expected)
-        if drive is None:
-            return None
-        low, ux, uy, effective = drive
-        assert self.expected is not None  # or none would have been taken
-        self.expected = (self.expected + 1) & 0xFFFF
-        self.run = 0
-        self.tick = unwrap(low, self.tick)
-        return ux, uy, effective
 
     def _follows(self, seq: int) -> bool:
         """Account for a sequence number; False if the frame has been here before."""

@@ -3,7 +3,10 @@
 import re
 from pathlib import Path
 
+import numpy as np
+
 from hil.wire.messages import DriveForce
+from hil.wire.sense import Sense
 from hil.wire.stream import Transmitter
 
 TREE = Path(__file__).parents[2]
@@ -37,7 +40,7 @@ def test_its_frame_sizes_are_right() -> None:
     """Of codes and ticks without a zero byte in them."""
     tx = Transmitter()
     tx.seq = 0x0101
-    row = tx.encode_row(0x01010101, 1000, -2000, 300, -400, 0, 2)
+    row = tx.encode(Sense(np.array([(1000, -2000, 300, -400)], np.int32), 2, 0), 0x01010101)
     drive = tx.encode(DriveForce(300, -400, 0x01010102), 0x01010101)
     sizes = re.search(r"goes out in (\d+) bytes .* comes back in (\d+)", PAGE)
     assert sizes is not None

@@ -14,6 +14,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, Self
 
+import numpy as np
+
 from hil.wire.codec import field_value, type_of
 from hil.wire.errors import LinkClosed
 from hil.wire.messages import (
@@ -36,6 +38,7 @@ from hil.wire.messages import (
     TimeSync,
 )
 from hil.wire.pty_link import PtyLink, open_pty
+from hil.wire.sense import Sense
 from hil.wire.serial_format import SERIAL
 from hil.wire.spec import SPEC
 from hil.wire.stream import Received, Receiver, Transmitter
@@ -117,7 +120,7 @@ class Board:
         """Before a tick: where a misbehaviour begins."""
 
     def say_row(self, tick: int, vx: int, vy: int, ux: int, uy: int) -> bytes:
-        return self.tx.encode_row(tick, vx, vy, ux, uy, self.flags, 2)
+        return self.tx.encode(Sense(np.array([(vx, vy, ux, uy)], np.int32), 2, self.flags), tick)
 
     def say_status(self) -> list[Message]:
         tick = max(self.tick, 0) & 0xFFFFFFFF

@@ -7,8 +7,8 @@ import pytest
 from hil.running.safety.armed import Account
 from hil.wire.endpoint import Endpoint
 from hil.wire.messages import SafeReason, State
-from hil.wire.sense import SENSE
 from hil.wire.serial_format import SERIAL
+from hil.wire.spec import SPEC
 from tests.running.on_a_pty import Far, arrived, connected, rows, status
 
 WATCHDOG, RATE_HZ = 200, 400.0
@@ -49,8 +49,8 @@ def damage(host: Endpoint, far: Far) -> None:
 
 
 def contradict(host: Endpoint, far: Far) -> None:
-    """An intact SENSE of no rows, and one of a row."""
-    empty = SERIAL.encode(SENSE, far.tx.seq, 0, b"\0\0\2\0\0")[0]
+    """An intact SPEC.messages["SENSE"].type of no rows, and one of a row."""
+    empty = SERIAL.encode(SPEC.messages["SENSE"].type, far.tx.seq, 0, b"\0\0\2\0\0")[0]
     far.tx.seq += 1
     far.say_bytes(empty)
     far.say(rows((0, 0)))
@@ -97,11 +97,9 @@ def test_a_short_watchdog_is_accounted_for_by_nothing_either(ends: tuple[Endpoin
     kept = Account(ends[0], 3, 1, RATE_HZ, latency=2)
     kept.begin(ARMED)
     assert kept.of_watchdog(STOPPED) == ""
-    kept.held(77)
+    kept.held = 1, 1, 78
     assert kept.of_watchdog(STOPPED) == "answers were late on 1 ticks running"
-    kept.held(79)  # not the one after it
-    assert kept.of_watchdog(STOPPED) == "answers were late on 1 ticks running"
-    kept.held(80)
+    kept.held = 2, 2, 81
     assert kept.of_watchdog(STOPPED) == "answers were late on 2 ticks running"
 
 
@@ -118,25 +116,21 @@ def test_a_time_worth_telling_is_about_the_watchdog(ends: tuple[Endpoint, Far]) 
 def test_a_silence_from_before_arm_does_not_count(ends: tuple[Endpoint, Far]) -> None:
     kept = account(ends[0])
     kept.silent(WATCHDOG_NS)
-    for tick in range(WATCHDOG):
-        kept.held(tick)
+    kept.held = WATCHDOG, WATCHDOG, WATCHDOG
     kept.begin(ARMED)
     assert kept.of_watchdog(STOPPED) == ""
 
 
 def test_drives_that_came_late_for_as_long_account_for_it(ends: tuple[Endpoint, Far]) -> None:
     kept = account(ends[0])
-    for tick in range(1000, 1000 + WATCHDOG):
-        kept.held(tick)
-    kept.held(2000)  # the longest run counts
+    kept.held = WATCHDOG, 1, 2001  # the longest run counts
     assert kept.of_watchdog(STOPPED) == f"answers were late on {WATCHDOG} ticks running"
     assert kept.of_silence(STOPPED) == ""
 
 
-def test_drives_that_came_late_for_half_as_long_or_not_running_do_not(ends: tuple[Endpoint, Far]) -> None:
+def test_drives_that_came_late_for_half_as_long_do_not(ends: tuple[Endpoint, Far]) -> None:
     kept = account(ends[0])
-    for tick in (*range(WATCHDOG // 2), *range(1000, 3000, 2)):
-        kept.held(tick)
+    kept.held = WATCHDOG // 2, 1, 3000
     assert kept.of_watchdog(STOPPED) == ""
 
 
@@ -145,10 +139,10 @@ def test_rows_lost_to_watchdog_or_latency_are_not_asked_for(ends: tuple[Endpoint
     """The interval of the last drive, the one in which the watchdog tripped, and those before a drive acts."""
     kept = Account(ends[0], WATCHDOG, 1, RATE_HZ, latency)
     kept.begin(ARMED)
-    for tick in range(WATCHDOG - 3 - latency):
-        kept.held(tick)
+    late = WATCHDOG - 3 - latency
+    kept.held = late, late, late
     assert kept.of_watchdog(STOPPED) == ""
-    kept.held(WATCHDOG - 3 - latency)
+    kept.held = late + 1, late + 1, late + 1
     assert kept.of_watchdog(STOPPED) == f"answers were late on {WATCHDOG - 2 - latency} ticks running"
 
 

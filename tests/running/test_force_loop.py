@@ -13,11 +13,12 @@ from estimator.observer import Observer
 from hil.records.capture import RowFlag
 from hil.records.runfolder import RunFolder
 from hil.records.summary import summarise
+from hil.running.loop.skeleton import Loop
 from hil.wire.errors import ProtocolError
 from hil.wire.inproc import InprocLink
-from hil.wire.messages import ClockMode
+from hil.wire.messages import ClockMode, DriveForce
 from hil.wire.stream import Receiver
-from tests.running import gyro
+from tests.running import closed, gyro
 from tests.running.closed import HandPaced, amiss, angle_errors, answers_of, board, close_loop, waiting
 from tests.wire.board import SmallBoard
 
@@ -43,11 +44,8 @@ class Overheard(InprocLink):
         self._rx = Receiver()
 
     def send(self, data: bytes) -> None:
-        drive = self._rx.take_drive(data)
-        if drive is None:
-            self._rx.feed(data)
-        else:
-            self.drives.append(drive)
+        heard = (item.message for item in self._rx.feed(data))
+        self.drives += [tuple(message) for message in heard if isinstance(message, DriveForce)]
         super().send(data)
 
 
@@ -165,6 +163,15 @@ def test_lost_answers_are_counted_by_the_board(tmp_path: Path) -> None:
     assert device["held"] == device["lost_seq"] == host["held"] == len(unheard)
     assert host["amiss"] == {"lost_to_board": len(unheard)}
     assert amiss(summarise(run).answers) == {"late": len(unheard)}  # without what the board has counted nobody can tell
+
+
+@pytest.mark.moderate
+def test_the_longest_run_of_rows_without_a_drive_is_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By which a watchdog is accounted for: rows that do not follow each other are no run."""
+    loops, make = list[Loop](), closed.make_loop
+    monkeypatch.setattr(closed, "make_loop", lambda *given: loops.append(make(*given)) or loops[-1])
+    paced(tmp_path, unheard=[*range(500, 530), *range(1000, 1200, 2), 2000])
+    assert loops[0].board.account.held == (30, 1, 2003)
 
 
 @pytest.mark.moderate

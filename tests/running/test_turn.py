@@ -93,7 +93,10 @@ def test_spoilt_bytes_reach_no_undefined_behaviour(tmp_path: Path) -> None:
         shutil.copytree(ROOT / package, tmp_path / package, ignore=shutil.ignore_patterns("__pycache__", "libturn*"))
     folder = Path(native.__file__).parent
     checks = ["-fsanitize=address,undefined,float-cast-overflow", "-fno-sanitize-recover=all", "-g", "-O1"]
-    sources = [folder / "turn.c", *(ROOT / "firmware" / "src" / f"hil_{name}.c" for name in ("spec", "frame", "crc32c"))]
+    sources = [
+        folder / "turn.c",
+        *(ROOT / "firmware" / "src" / f"hil_{name}.c" for name in ("spec", "frame", "crc32c")),
+    ]
     library = tmp_path / "hil" / "running" / "native" / "libturn.so.1"
     subprocess.run([compiler, "-std=c99", *checks, "-fPIC", "-shared", "-o", library, *sources, "-lm"], check=True)
     asan = subprocess.run([compiler, "-print-file-name=libasan.so"], capture_output=True, text=True, check=True)

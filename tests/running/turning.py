@@ -179,8 +179,8 @@ def records(dice: random.Random, count: int) -> Iterator[bytes]:
         kind = dice.random()
         if kind < 0.5:
             width = dice.choice((2, 3))
-            codes = [dice.randrange(-(1 << 15), 1 << 15) for _ in range(4)]
-            data = form.encode_row(seq, tick, *codes, dice.randrange(8), width)
+            codes = np.array([[dice.randrange(-(1 << 15), 1 << 15) for _ in range(4)]], np.int32)
+            data, _ = form.encode(type_of(Sense), seq, tick, pack(Sense(codes, width, dice.randrange(8))))
         elif kind < 0.9:
             message = dice.choice(
                 (

@@ -15,7 +15,6 @@ from hil.records.rates import rates_layout, sensor_figures
 from hil.records.result import Result, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.stream import BlockWriter
-from hil.records.summary import lost_samples
 from hil.report.figures.spectrum import amplitude_density
 from hil.report.sensor import write_report
 from hil.report.sensor.material import SensorMaterial
@@ -58,7 +57,7 @@ def page(tmp_path: Path) -> Make:
             clock="real",
             seconds=float(capture.t_s[-1] - capture.t_s[0]) if len(capture) else 0.0,
             samples=len(capture),
-            lost=lost_samples(capture),
+            lost=capture.lost,
             counters={"crc_errors": damaged, "skipped_bytes": 18 * damaged},
             sensor=figures,
             operator_note="<b>on the table</b>",

@@ -1,5 +1,7 @@
 """The smallest board that can hold a conversation: for tests of the wire only."""
 
+import numpy as np
+
 from hil.wire.codec import field_value, type_of
 from hil.wire.messages import (
     Arm,
@@ -18,6 +20,7 @@ from hil.wire.messages import (
     State,
     Status,
 )
+from hil.wire.sense import Sense
 from hil.wire.spec import SPEC, FieldEntry
 from hil.wire.stream import Received, Receiver, Transmitter
 
@@ -53,7 +56,7 @@ class SmallBoard:
         return self._frame(Status(self.state, 0, 0, 0, self.rx.bad, self.rx.lost, 0, 0, 0, self.tick))
 
     def _row(self, ux: int, uy: int) -> bytes:
-        row = self.tx.encode_row(self.tick, ux, uy, ux, uy, 0, 2)
+        row = self.tx.encode(Sense(np.array([(ux, uy, ux, uy)], np.int32), 2, 0), self.tick)
         self.tick += 1
         return row
 

@@ -130,24 +130,11 @@ def test_a_lost_frame_of_a_block_is_a_gap_of_its_rows():
     assert rx.lost == 1
 
 
-def test_short_and_long_way_agree():
-    for width in (2, 3):
-        limit = 1 << 8 * width - 1
-        for codes in ((0, -1, 1, 2), (limit - 1, -limit, -limit, limit - 1)):
-            short, long = Transmitter(CanFormat(0, 1)), Transmitter(CanFormat(0, 1))
-            for tick in (2**32 - 1, 2**32):
-                block = Sense(np.array([codes], np.int32), width, 5)
-                assert short.encode_row(tick, *codes, 5, width) == long.encode(block, tick)
-    host, rx = Transmitter(CanFormat(0, 0)), Receiver(CanFormat(0, 1))
-    rx.feed(host.encode(DriveForce(1, 2, 3), 0))
-    assert rx.take_drive(host.encode(DriveForce(-5, 2**31 - 1, 2**32 + 7), 6)) == (-5, 2**31 - 1, 7)
-
-
 def test_codes_that_do_not_fit():
     tx, _ = pair()
     for width, code in ((2, 32768), (3, 2**23), (4, 0)):
         with pytest.raises(ProtocolError, match="SENSE"):
-            tx.encode_row(0, code, 0, 0, 0, 0, width)
+            tx.encode(Sense(np.array([(code, 0, 0, 0)], np.int32), width, 0), 0)
     with pytest.raises(ProtocolError, match="DRIVE_FORCE"):
         tx.encode(DriveForce(2**31, 0, 0), 0)
     with pytest.raises(ProtocolError, match="FIELD_VALUE: 9004 bytes; a payload has at most 8192"):
@@ -284,12 +271,11 @@ def test_any_bytes_at_all(noise, chunk):
     assert (whole.bad, whole.decoder.bytes) == (cut.bad, len(data))
 
 
-def test_a_drive_in_the_midst_of_a_long_message_takes_the_long_way():
+def test_a_drive_in_the_midst_of_a_long_message_breaks_it():
     rx = Receiver(CanFormat(0, BOARD))
     host = Transmitter(CanFormat(0, HOST))
     part = records(host.encode(FieldValue(1, 1, "x" * 100), 0))[0]
     rx.feed(part)
     drive = host.encode(DriveForce(1, 2, 3), 0)
-    assert rx.take_drive(drive) is None
     assert [type_of(item.message) for item in rx.feed(drive)] == [0x10]
     assert rx.decoder.broken == 1

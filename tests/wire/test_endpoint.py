@@ -58,7 +58,7 @@ def board_frames() -> tuple[bytes, bytes, bytes, bytes]:
     block = Sense(np.array([[1, 2, 3, 4], [-5, -6, -7, -8]], np.int32), 3, 4)
     return (
         tx.encode(status, 5),
-        tx.encode_row(5, 10, 20, 30, 40, 1, 2),
+        tx.encode(Sense(np.array([(10, 20, 30, 40)], np.int32), 2, 1), 5),
         tx.encode(block, 6),
         tx.encode(status._replace(tick=8), 8),
     )

@@ -7,8 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from hil.wire.errors import ProtocolError
-from hil.wire.framing import HEADER
-from hil.wire.sense import MAX_ROWS, SENSE, Sense, decode_sense, encode_sense, row_body
+from hil.wire.sense import MAX_ROWS, Sense, decode_sense, encode_sense
 
 untimed = settings(deadline=None)
 widths = st.sampled_from([2, 3])
@@ -31,16 +30,6 @@ def test_blocks_come_back(data, width, flags, matrix_id):
     assert back.codes.dtype == np.int32
     assert np.array_equal(back.codes, block)
     assert back[1:] == (width, flags, matrix_id)
-
-
-@pytest.mark.moderate
-@untimed
-@given(st.data(), widths, st.integers(0, 7), st.integers(0, 0xFFFF), st.integers(0, 0xFFFFFFFF))
-def test_one_row_is_a_block_of_one(data, width, flags, seq, tick):
-    block = data.draw(codes(width, st.just(1)))
-    row = block[0].tolist()
-    body = row_body(seq, tick, *row, flags, width)
-    assert body == HEADER.pack(SENSE, seq, tick) + encode_sense(Sense(block, width, flags))
 
 
 @pytest.mark.parametrize("width", [2, 3])
@@ -68,16 +57,12 @@ def test_other_shapes_are_refused(shape):
 def test_codes_that_do_not_fit_are_refused(width, code):
     with pytest.raises(ProtocolError, match=f"does not fit into {width} bytes"):
         encode_sense(Sense(np.array([[0, 0, 0, code]], np.int32), width, 0))
-    with pytest.raises(ProtocolError, match=f"does not fit into {width} bytes"):
-        row_body(0, 0, 0, code, 0, 0, 0, width)
 
 
 @pytest.mark.parametrize("width", [0, 1, 4])
 def test_other_widths_are_refused(width):
     with pytest.raises(ProtocolError, match=f"SENSE.width: {width} bytes per code; expected 2 or 3"):
         encode_sense(Sense(np.zeros((1, 4), np.int32), width, 0))
-    with pytest.raises(ProtocolError, match=f"SENSE.width: {width} bytes per code; expected 2 or 3"):
-        row_body(0, 0, 0, 0, 0, 0, 0, width)
 
 
 @pytest.mark.parametrize(

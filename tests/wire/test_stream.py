@@ -140,7 +140,7 @@ def test_what_only_the_other_end_says_is_refused_unread():
 def test_sense_that_contradicts_itself_is_no_row_and_no_time(n, width, rows):
     """Counted, dropped, and its tick not believed."""
     receiver = Receiver()
-    receiver.feed(Transmitter().encode_row(5, 1, 2, 3, 4, 0, 2))
+    receiver.feed(Transmitter().encode(Sense(np.array([(1, 2, 3, 4)], np.int32), 2, 0), 5))
     size = 4 * rows * (width if width in (1, 4, 7) else 2)
     data = encode_frame(0x20, 1, 9000, bytes((n & 0xFF, n >> 8, width, 0, 0)) + bytes(size))
     assert receiver.feed(data) == []
@@ -187,56 +187,12 @@ def test_a_message_that_does_not_fit_spends_no_number():
     transmitter = Transmitter()
     for attempt in (
         lambda: transmitter.encode(Safe(999), 0),
-        lambda: transmitter.encode_row(0, 40000, 0, 0, 0, 0, 2),
+        lambda: transmitter.encode(Sense(np.array([(40000, 0, 0, 0)], np.int32), 2, 0), 0),
         lambda: transmitter.encode(DriveForce(2**31, 0, 0), 0),
     ):
         with pytest.raises(ProtocolError):
             attempt()
     assert transmitter.seq == 0
-
-
-codes = st.integers(-(2**15), 2**15 - 1)
-ticks = st.integers(0, 2**40)
-
-
-@pytest.mark.moderate
-@untimed
-@given(ticks, codes, codes, codes, codes, st.integers(0, 7), st.sampled_from([2, 3]))
-def test_the_short_way_for_rows_is_the_long_way(tick, vx, vy, ux, uy, flags, width):
-    long, short = Transmitter(), Transmitter()
-    block = Sense(np.array([[vx, vy, ux, uy]], np.int32), width, flags)
-    for step in range(2):
-        row = short.encode_row(tick + step, vx, vy, ux, uy, flags, width)
-        assert row == long.encode(block, tick + step)
-
-
-@pytest.mark.moderate
-@untimed
-@given(ticks, st.integers(-(2**31), 2**31 - 1), st.integers(-(2**31), 2**31 - 1), ticks)
-def test_the_short_way_for_drives_is_the_long_way(tick, ux, uy, effective):
-    transmitter, receiver = Transmitter(), Receiver()
-    first, again = (transmitter.encode(DriveForce(ux, uy, effective), tick) for _ in range(2))
-    assert receiver.take_drive(first) is None  # the first one sets the sequence
-    receiver.feed(first)
-    assert receiver.take_drive(again) == (ux, uy, effective & 0xFFFFFFFF)
-    assert (receiver.decoder.frames, receiver.decoder.bytes) == (2, len(first) + len(again))
-
-
-def test_the_short_way_leaves_alone_what_is_not_its_own():
-    """Other messages, pieces, noise; a gap, a repetition, and what stands behind an unfinished frame."""
-    transmitter, receiver = Transmitter(), Receiver()
-    drives = [transmitter.encode(DriveForce(k, -k, k + 1), k) for k in range(6)]
-    row = transmitter.encode_row(0, 1, 2, 3, 4, 0, 2)
-    receiver.feed(drives[0])
-    for data in (row, row + drives[1], drives[1][:-1], drives[1][1:], b"", b"\0", b"\0\0", b"\0junk\0", bytes(100)):
-        assert receiver.take_drive(data) is None
-    assert receiver.decoder.frames == 1
-    assert receiver.take_drive(drives[1]) == (1, -1, 2)
-    assert receiver.take_drive(drives[1]) is None
-    assert receiver.take_drive(drives[3]) is None
-    receiver.feed(drives[2] + drives[3][:7])
-    assert receiver.take_drive(drives[4]) is None
-    assert [item.tick for item in receiver.feed(drives[3][7:] + drives[4])] == [3, 4]
 
 
 @pytest.mark.moderate
@@ -245,6 +201,5 @@ def test_the_short_way_leaves_alone_what_is_not_its_own():
 def test_any_stream_is_survived(chunks):
     receiver = Receiver()
     for chunk in chunks:
-        if receiver.take_drive(chunk) is None:
-            receiver.feed(chunk)
+        receiver.feed(chunk)
     assert receiver.decoder.bytes == sum(map(len, chunks))

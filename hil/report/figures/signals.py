@@ -43,8 +43,7 @@ def signals_figure(material: Material) -> Drawing | None:
         for piece in capture.pieces():
             yield piece.t_s, np.hstack([piece.sense_V, piece.drive] if capture.has_drive else [piece.sense_V])
 
-    last = len(capture) - 1
-    span = float(capture.part(0, 1).t_s[0]), float(capture.part(last, last + 1).t_s[0])
+    span = capture.ends_s
     drawn = pixel_series(parts(), span, len(capture), -math.inf, 700 // len(titles))
     words = []
     for row, (panels, (name, unit)) in enumerate(zip(grid, names, strict=True)):
@@ -83,8 +82,7 @@ def innovation_figure(material: Material) -> Drawing | None:
             nu, half = piece.nu_V, SD_95 * piece.sd_V
             yield piece.t_s, np.hstack([nu, half, np.abs(nu) <= half])
 
-    last = len(innovation) - 1
-    span = float(innovation.part(0, 1).t_s[0]), float(innovation.part(last, last + 1).t_s[0])
+    span = innovation.ends_s
     drawn = pixel_series(parts(), span, len(innovation), material.settle_s)
     held = drawn.held
     factor, unit = unit_for(max(held.size(axis) for axis in range(axes)), innovation.unit)

@@ -47,11 +47,6 @@ class SensorMaterial:
         }
 
     @cached_property
-    def gaps(self) -> int:
-        """Places at which samples are missing."""
-        return int(np.count_nonzero(np.diff(self.capture.tick) != 1))
-
-    @cached_property
     def unbroken(self) -> slice:
         """Rows of the longest stretch without a gap."""
         edges = [0, *(np.flatnonzero(np.diff(self.capture.tick) != 1) + 1).tolist(), len(self.capture)]

@@ -4,7 +4,7 @@ import math
 from pathlib import Path
 from typing import NamedTuple
 
-from hil.numbers import count, percent, plus_minus, prefix_for, quantity, share, significant
+from hil.numbers import count, counted, percent, plus_minus, prefix_for, quantity, share, significant
 from hil.records.atomic import write_text
 from hil.records.result import Channel
 from hil.records.runfolder import RunFolder
@@ -109,7 +109,7 @@ def _key_figures(material: SensorMaterial) -> list[tuple[str, str, str]]:
 
 
 def _missing(material: SensorMaterial) -> str:
-    if not material.gaps:
+    if not material.capture.gaps:
         return ""
     return (
         " Samples are missing: a cluster's mean is over those there are, and clusters that lack more than a twentieth "
@@ -136,7 +136,7 @@ def checks(material: SensorMaterial) -> list[Check]:
     expected = result.samples + result.lost
     damaged = result.counters.get("crc_errors", 0)
     skipped = result.counters.get("skipped_bytes", 0)
-    places = "" if not material.gaps else f" in {count(material.gaps)} gap" + ("s" if material.gaps > 1 else "")
+    places = f" in {counted(material.capture.gaps, 'gap')}" if material.capture.gaps else ""
     found = [
         Check(
             "datagrams with a wrong checksum",

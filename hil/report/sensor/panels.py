@@ -146,7 +146,7 @@ def rate_density_figure(material: SensorMaterial) -> Drawing | None:
         plain_log_ticks(ax.xaxis)
     panels[0].set_ylabel(f"density / ({prefix}deg/s/√Hz)")
     legend_of_all(figure, panels)
-    where = "the whole record" if not material.gaps else "the longest stretch without a gap"
+    where = "the whole record" if not material.capture.gaps else "the longest stretch without a gap"
     caption = (
         f"Amplitude spectral density of {where} (Welch, the mean taken out). Dashed, the white noise that the Allan "
         "deviation gives, √2 N: two ways to one number. A line that stands out is vibration or rotation."

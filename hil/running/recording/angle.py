@@ -46,7 +46,7 @@ class ReportedAngle:
         return self._correction.follow(t_s, theta, angle, rate)
 
     def valid(self, energy: Floats, quadrature: Floats) -> NDArray[np.bool_]:
-        """Whether (n,) the ellipse is slender enough for its angle to mean something, and has the energy that is held."""
+        """Whether (n,) the ellipse is so slender that its angle means something, and has the energy that is held."""
         slender = np.abs(quadrature) <= self._limits.quadrature
         held = np.abs(energy - 1.0) <= self._limits.energy_error if self._energy_held else energy > 0.0
         return np.asarray(slender & held & (self.kind != "none"))
