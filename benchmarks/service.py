@@ -33,7 +33,7 @@ from hil.client import Service
 from hil.errors import InputError
 from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
-from hil.records.timing import read_timing
+from hil.records.timing import Timing
 from tests.running.gyro import bench_file, unhurried_bench, unhurried_scenario
 from tests.running.processes import alive, command_line, safe_reason
 
@@ -102,7 +102,7 @@ def share(place: Path, seconds: float) -> list[Row]:
             board.stop()
         run.finished()
     folder = place / "runs" / run.id
-    timing, result = read_timing(folder / "timing.arrow"), RunFolder(folder).result
+    timing, result = Timing.read(folder / "timing.arrow"), RunFolder(folder).result
     applied = timing.columns["applied_tick"]
     late = (applied < 0) | (applied > timing.tick + int(timing.header["block"]) + 1)
     times = timing.tick / float(timing.header["tick_rate_Hz"])

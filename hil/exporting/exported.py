@@ -12,7 +12,7 @@ from hil.errors import InputError
 from hil.importing.read_back import HEADER, header_of, not_carried
 from hil.records.blocks import scan_blocks
 from hil.records.capture import COMPONENTS, Capture, RowFlag, read_capture
-from hil.records.estimates import read_estimates, read_innovation
+from hil.records.estimates import Estimates, Innovation
 from hil.records.rates import beside_rates, rates_rad_s
 from hil.records.units import unit_of
 
@@ -129,7 +129,7 @@ def _capture_pieces(capture: Capture) -> Iterator[Columns]:
 
 
 def _estimates(path: Path, name: What = "estimates", only: Sequence[str] = ()) -> Exported:
-    estimates = read_estimates(path)
+    estimates = Estimates.read(path)
     if only and only[0] not in estimates:
         raise InputError(f"{path}: its model has no {only[0]}; export the estimates")
     names = [column for column in (only or estimates.columns) if column in estimates and column != "tick"]
@@ -164,7 +164,7 @@ def _rate(path: Path) -> Exported:
 
 
 def _innovation(path: Path) -> Exported:
-    innovation = read_innovation(path)
+    innovation = Innovation.read(path)
     names = [name for name in innovation.columns if name != "tick"]
     about = {"kind": "innovation", "tick_rate_Hz": innovation.tick_rate_Hz, "complete": innovation.complete}
 

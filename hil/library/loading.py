@@ -190,9 +190,9 @@ class AttitudeRun(Run):
             from hil.errors import InputError
 
             raise InputError(f"{self.path}: no attitude: {self.figures.without}")
-        from hil.records.attitude import read_attitude
+        from hil.records.attitude import AttitudeRecord
 
-        return read_attitude(self.path / "attitude.arrow")
+        return AttitudeRecord.read(self.path / "attitude.arrow")
 
     def report(self) -> Path:
         """The page of all, report.html."""

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from hil.records import json_file
 from hil.records.layout import TICK, Column, Layout, block_rows_for
-from hil.records.stream import BlockWriter
+from hil.records.stream import write_counted
 from hil.records.table import Table
 
 QUATERNION = ("q_w", "q_x", "q_y", "q_z")
@@ -49,16 +49,7 @@ class AttitudeRecord(Table):
 
 def write_attitude(path: Path, layout: Layout, columns: np.ndarray) -> None:
     """Write the file; columns (n, 14) in the order of the layout, without tick."""
-    rows = np.zeros(len(columns), layout.dtype)
-    rows["tick"] = np.arange(len(columns))
-    for k, column in enumerate(layout.columns[1:]):
-        rows[column.name] = columns[:, k]
-    writer = BlockWriter(path, layout)
-    writer.push(rows)
-    writer.close()
-
-
-read_attitude = AttitudeRecord.read
+    write_counted(path, layout, columns)
 
 
 class AxisOfBody(json_file.Strict):
@@ -83,7 +74,7 @@ class OneStop(json_file.Strict):
     unconfirmed: tuple[str, ...] = Field(default=(), description="Axes whose board did not confirm it")
 
 
-class AttitudeResult(json_file.Sealed, json_file.Strict):
+class AttitudeResult(json_file.Sealed):
     """Figures of several gyros run at once."""
 
     verdict: Literal["good", "failed", "interrupted", "unsafe"]

@@ -313,7 +313,4 @@ class Trims(Table):
 def trims_beside(capture: Path) -> Trims | None:
     """The changes of the run that a capture is of, None where nothing was trimmed."""
     path = capture.parent / TRIMS
-    return read_trims(path) if path.exists() else None
-
-
-read_trims = Trims.read
+    return Trims.read(path) if path.exists() else None

@@ -144,11 +144,11 @@ def _require_steady(x: Floats, y: Floats, delay: Floats) -> None:
         )
 
 
-def student(freedom: int) -> float:
-    """Quantile of Student's distribution for a 95 % interval."""
+def student(freedom: int, level: float = _LEVEL) -> float:
+    """Quantile of Student's distribution, by default for a 95 % interval."""
     from scipy.special import stdtrit  # loads slowly: only where there is something to fit
 
-    return float(stdtrit(freedom, _LEVEL))
+    return float(stdtrit(freedom, level))
 
 
 _BLOCK_ROWS = 64
@@ -187,6 +187,3 @@ class ClockRecord(Table):
             return fit_clock(*(self.columns[name] for name in ("t_send_ns", "board_ns", "t_receive_ns")))
         except ClockUnknownError as why:
             return str(why)
-
-
-read_clock = ClockRecord.read

@@ -1,7 +1,7 @@
 """`characteristics.json`: the figures of a data sheet that records gave. Its JSON Schema is published in
 docs/reference/characteristics.schema.json."""
 
-from pathlib import Path
+from functools import partial
 from typing import Literal
 
 from pydantic import Field
@@ -40,7 +40,7 @@ class Curve(json_file.Strict):
     alpha: tuple[int, ...]
 
 
-class DataSheet(json_file.Sealed, json_file.Strict):
+class DataSheet(json_file.Sealed):
     """All figures of a device."""
 
     version: Literal[1] = 1
@@ -65,11 +65,5 @@ class DataSheet(json_file.Sealed, json_file.Strict):
         raise KeyError(figure)
 
 
-def save_data_sheet(path: Path, sheet: DataSheet) -> None:
-    """Write characteristics.json, whole or not at all."""
-    json_file.save(path, sheet)
-
-
-def load_data_sheet(path: Path) -> DataSheet:
-    """Read characteristics.json. Raises InputError naming the file and the key that is wrong."""
-    return json_file.load(path, DataSheet, give="the folder of a data sheet", anew="characterise again")
+save_data_sheet = json_file.save
+load_data_sheet = partial(json_file.load, model=DataSheet, give="the folder of a data sheet", anew="characterise again")

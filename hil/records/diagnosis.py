@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
+from functools import partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -200,7 +200,7 @@ class HeldOut(json_file.Strict):
     after: Fit
 
 
-class Diagnosis(json_file.Sealed, json_file.Strict):
+class Diagnosis(json_file.Sealed):
     """The answer of a trace: before and after are of the part of the record that was fitted."""
 
     version: Literal[1] = 1
@@ -305,14 +305,10 @@ def to_model(
     )
 
 
-def save_diagnosis(path: Path, diagnosis: Diagnosis) -> None:
-    """Write diagnosis.json, whole or not at all."""
-    json_file.save(path, diagnosis, by_alias=True)
-
-
-def load_diagnosis(path: Path) -> Diagnosis:
-    """Read diagnosis.json. Raises InputError naming the file and the key that is wrong."""
-    return json_file.load(path, Diagnosis, give="a diagnosis that hil trace wrote", anew="trace the record anew")
+save_diagnosis = json_file.save
+load_diagnosis = partial(
+    json_file.load, model=Diagnosis, give="a diagnosis that hil trace wrote", anew="trace the record anew"
+)
 
 
 _WRITTEN: dict[type, tuple[type[json_file.Strict], dict[str, str]]] = {

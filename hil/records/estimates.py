@@ -118,9 +118,6 @@ class Estimates(Table):
         return ""
 
 
-read_estimates = Estimates.read
-
-
 _DECLARED = (
     "target_stiffness_per_s2", "virtual_rotation_rad_s", "virtual_reversal_s", "angular_gain", "angle_zero_after_s",
 )  # fmt: skip
@@ -224,9 +221,6 @@ def stretches(innovation: Innovation, usual_V: npt.NDArray[np.float64]) -> Itera
             yield nu[rows]
 
 
-read_innovation = Innovation.read
-
-
 MEANING = (
     "covariance that the estimates have under the observer's gain, which the sd_ columns of the estimates are from; "
     "with fading memory it is not the filter's own P, which is about twice as large"
@@ -296,9 +290,6 @@ class Covariance(Table):
         if not entries or list(self.columns) != wanted:
             return "its columns are not those of its entries; run or replay again"
         return ""
-
-
-read_covariance = Covariance.read
 
 
 @cache

@@ -7,7 +7,7 @@ import numpy as np
 
 from hil.records.blocks import read_blocks
 from hil.records.layout import HOST, TICK, Column, Layout
-from hil.records.stream import BlockWriter
+from hil.records.stream import write_counted
 
 COLUMNS = {"table": Column("table_rate_dps", "f8", "°/s"), "chamber": Column("chamber_C", "f8", "°C")}
 _BLOCK_ROWS = 256
@@ -17,13 +17,7 @@ def write_instruments(folder: Path, names: Sequence[str], rows: Sequence[tuple[f
     """Write the file into a run folder; rows: host time [ns, monotonic], then the value of each of `names`."""
     columns = (TICK, Column("host_ns", "i8", "ns", clock=HOST), *(COLUMNS[name] for name in names))
     layout = Layout("instruments", columns, _BLOCK_ROWS, {"tick_rate_Hz": 1.0})
-    table = np.zeros(len(rows), layout.dtype)
-    table["tick"] = np.arange(len(rows))
-    for k, column in enumerate(columns[1:]):
-        table[column.name] = [row[k] for row in rows]
-    writer = BlockWriter(folder / "instruments.arrow", layout)
-    writer.push(table)
-    writer.close()
+    write_counted(folder / "instruments.arrow", layout, rows)
 
 
 def read_instruments(folder: Path) -> Mapping[str, np.ndarray]:

@@ -15,7 +15,7 @@ class Strict(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, frozen=True)
 
 
-class Sealed(BaseModel):
+class Sealed(Strict):
     """What is written as a sealed file."""
 
     seal: str = Field(default="", description="CRC-32C of the file, its eight digits being zero; older files have none")
@@ -24,9 +24,9 @@ class Sealed(BaseModel):
 Model = TypeVar("Model", bound=Sealed)
 
 
-def save(path: Path, model: Sealed, *, by_alias: bool = False) -> None:
+def save(path: Path, model: Sealed) -> None:
     """Write the file with its checksum, whole or not at all."""
-    text = model.model_copy(update={"seal": UNSEALED}).model_dump_json(indent=2, by_alias=by_alias)
+    text = model.model_copy(update={"seal": UNSEALED}).model_dump_json(indent=2, by_alias=True)
     write_text(path, sealed(text + "\n"))
 
 

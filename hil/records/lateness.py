@@ -7,7 +7,6 @@ So one record gives the late share as a function of the time the board waits: la
 gain mode.
 """
 
-import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from hil.records.clock import student
 from hil.records.result import Answers
 from hil.records.runfolder import RunFolder
 from hil.records.timing import Timing, seen_on_clock, ticks_on_clock
@@ -78,7 +78,7 @@ class Lateness:
         unexplained = 0.0 if own else self.counted  # why those were late is not known, so no waiting cures it
         expected = factor * float(late.mean()) + self.lost + unexplained
         both = 1.0 / pieces + BATCH_S / max(run_s, BATCH_S)
-        scattered = float(late.mean()) + _student(pieces - 1) * float(means.std(ddof=1)) * math.sqrt(both)
+        scattered = float(late.mean()) + student(pieces - 1, _LEVEL) * float(means.std(ddof=1)) * math.sqrt(both)
         longest = float(stalls(self.after_s > self.waits_s).max(initial=1.0))
         few = _most_of_few(stalls(late), longest, both * pieces) / late.size
         at_most = factor * max(scattered, few) + self.lost + unexplained
@@ -106,8 +106,7 @@ def lateness_of(run: RunFolder, answers: Answers | None, *, since_s: float = 0.0
     way_ns = 0.0 if clock is None or clock.fit is None else 0.5 * clock.fit.round_trip_ns
     first = int(timing.tick[0]) + math.ceil(since_s * rate_Hz)
     after, rows = [], []
-    for start, stop in _stretches(timing.tick):
-        part = Timing({name: column[start:stop] for name, column in timing.columns.items()}, timing.header, True)
+    for part in timing.stretches():
         found = _of_stretch(part, first, block, device)
         after.append(found[0] + 1e-9 * way_ns)
         rows.append(found[1])
@@ -138,13 +137,6 @@ def _of_stretch(
     return after, 1e-9 * (estimated - received)[answer]
 
 
-def _stretches(tick: npt.NDArray[np.int64]) -> list[tuple[int, int]]:
-    """Where the ticks are cut: where the board stopped, or what lies between was left out."""
-    cuts = np.flatnonzero(np.diff(tick) > 1000) + 1
-    ends = [0, *cuts.tolist(), tick.size]
-    return list(itertools.pairwise(ends))
-
-
 def stalls(late: npt.NDArray[np.bool_]) -> Floats:
     """How many answers running were late (k,), of each stall."""
     edges = np.flatnonzero(np.diff(np.r_[False, late, False].astype(int)))
@@ -163,10 +155,3 @@ def _most_of_few(lengths: Floats, longest: float, factor: float) -> float:
     longest = max(longest, float(lengths.max(initial=0.0)))
     total, spread = float(lengths.sum()) + longest, factor * float(np.sum(lengths**2)) + longest**2
     return float(0.5 * spread / total * chdtri(2.0 * total**2 / spread, 1.0 - _LEVEL))
-
-
-def _student(freedom: int) -> float:
-    """One-sided quantile of Student's distribution."""
-    from scipy.special import stdtrit  # loads slowly
-
-    return float(stdtrit(freedom, _LEVEL))

@@ -1,7 +1,7 @@
 """`comparison.json`: what several methods make of one record, a row each. Its JSON Schema is published in
 docs/reference/comparison.schema.json."""
 
-from pathlib import Path
+from functools import partial
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -65,7 +65,7 @@ class MethodRow(json_file.Strict):
     remark: str = ""
 
 
-class Methods(json_file.Sealed, json_file.Strict):
+class Methods(json_file.Sealed):
     """All methods on one record."""
 
     version: Literal[2] = 2
@@ -87,11 +87,7 @@ class Methods(json_file.Sealed, json_file.Strict):
         raise InputError(f"{name}: no such method; there are {', '.join(row.name for row in self.rows)}")
 
 
-def save_methods(path: Path, methods: Methods) -> None:
-    """Write comparison.json, whole or not at all."""
-    json_file.save(path, methods)
-
-
-def load_methods(path: Path) -> Methods:
-    """Read comparison.json. Raises InputError naming the file and the key that is wrong."""
-    return json_file.load(path, Methods, give="the folder of a comparison", anew="compare again to write it anew")
+save_methods = json_file.save
+load_methods = partial(
+    json_file.load, model=Methods, give="the folder of a comparison", anew="compare again to write it anew"
+)

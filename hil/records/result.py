@@ -1,7 +1,7 @@
 """`result.json`: the figures of a run. Its JSON Schema is published in docs/reference/result.schema.json."""
 
 from collections.abc import Sequence
-from pathlib import Path
+from functools import partial
 from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import Field, model_validator
@@ -484,7 +484,7 @@ class Reference(json_file.Strict):
         return f"{', '.join(told)}; time ± {self.time_u_ms:.3g} ms"
 
 
-class Result(json_file.Sealed, json_file.Strict):
+class Result(json_file.Sealed):
     """Figures of one run. Null: not measured, or no reference to measure against."""
 
     version: Literal[2] = 2
@@ -583,11 +583,7 @@ class Result(json_file.Sealed, json_file.Strict):
         return "machine" not in self.parts or not self.parts["machine"].against
 
 
-def save_result(path: Path, result: Result) -> None:
-    """Write result.json, whole or not at all."""
-    json_file.save(path, result)
-
-
-def load_result(path: Path) -> Result:
-    """Read result.json. Raises InputError naming the file and the key that is wrong."""
-    return json_file.load(path, Result, give="the folder of a run", anew="replay the capture to write it anew")
+save_result = json_file.save
+load_result = partial(
+    json_file.load, model=Result, give="the folder of a run", anew="replay the capture to write it anew"
+)

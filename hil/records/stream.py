@@ -8,6 +8,7 @@ after `kill -9` every whole block is readable, and a cut between two blocks cann
 
 import io
 import os
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -168,6 +169,13 @@ class BlockWriter:
             self.close()
         else:
             self.abandon()
+
+
+def write_counted(path: Path, layout: Layout, rows: Iterable[Sequence[float]]) -> None:
+    """A whole record of rows whose ticks count from 0: of each the values in the order of the layout, without tick."""
+    with BlockWriter(path, layout) as writer:
+        for tick, row in enumerate(rows):
+            writer.put(tick, *row)
 
 
 def schema_of(layout: Layout) -> Any:

@@ -146,11 +146,6 @@ def predicted_rms(innovation: Innovation, settle_s: float) -> float | None:
     return None if usual is None else float(np.sqrt(np.mean(usual**2)))
 
 
-def rms(values: npt.NDArray[np.float64]) -> float | None:
-    """Root mean square of all elements; None when there are none, or one is not finite."""
-    return float(np.sqrt(np.mean(values**2))) if values.size and np.isfinite(values).all() else None
-
-
 def percentiles(times_us: npt.NDArray[np.float64]) -> Percentiles | None:
     """p50, p99 and p99.9 of a set of times; None of an empty one."""
     if not times_us.size:
@@ -173,7 +168,7 @@ def ledger(timing: Timing, capture: Capture | None, clock: ClockRecord | None) -
     timing = timing.spread(_LEDGER_ROWS, _STRETCHES)
     applied = timing.applied
     if applied is None and capture is not None and timing.deadline_us is not None:
-        applied = np.concatenate([applied_ticks(part, capture) for part in timing.stretches()])
+        applied = np.concatenate([applied_ticks(part.tick, capture) for part in timing.stretches()])
     stages = {} if applied is None else timing.ledger_us(applied, clock)
     if not stages:
         return None

@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -66,10 +67,12 @@ class Timing(Table):
         parts = [part_of(self.columns, start, start + each) for start in starts]
         return Timing({name: np.concatenate([part[name] for part in parts]) for name in names}, self.header, False)
 
-    def stretches(self) -> Iterator[npt.NDArray[np.int64]]:
-        """The ticks, cut where more than a thousand are missing."""
-        tick = self.tick
-        yield from np.split(tick, np.flatnonzero(np.diff(tick) > _FAR) + 1)
+    def stretches(self) -> Iterator["Timing"]:
+        """Its parts, cut where more than a thousand ticks are missing: the board stopped, or what lay between was left
+        out."""
+        cuts = np.flatnonzero(np.diff(self.tick) > _FAR) + 1
+        for start, stop in pairwise((0, *cuts.tolist(), len(self))):
+            yield self.part(start, stop)
 
     @property
     def deadline_us(self) -> float | None:
@@ -178,6 +181,3 @@ def _earliest(delay: npt.NDArray[np.float64]) -> npt.NDArray[np.intp]:
     """Of each of ten parts, the row with the least delay."""
     parts = [part for part in np.array_split(np.arange(delay.size), _PARTS) if part.size]
     return np.array([part[np.argmin(delay[part])] for part in parts])
-
-
-read_timing = Timing.read

@@ -6,7 +6,7 @@ import numpy as np
 
 from hil.numbers import COVERAGE, quantity, significant
 from hil.records.atomic import write_text
-from hil.records.attitude import AttitudeRecord, AttitudeResult, load_attitude_result, read_attitude
+from hil.records.attitude import AttitudeRecord, AttitudeResult, load_attitude_result
 from hil.report import markup
 from hil.report.markup import Figures
 from hil.report.theme import FIRST, INK, MUTED, SECOND, Drawing, legend, span_time, stacked
@@ -18,7 +18,7 @@ _TONES = {"good": "good", "interrupted": "open"}
 def write_attitude_report(folder: Path) -> Path:
     """Write `folder/report.html` and return its path."""
     result = load_attitude_result(folder)
-    record = read_attitude(folder / "attitude.arrow") if (folder / "attitude.arrow").exists() else None
+    record = AttitudeRecord.read(folder / "attitude.arrow") if (folder / "attitude.arrow").exists() else None
     drawn = "" if record is None else Figures().add(lambda: _figure(record))
     page = markup.page(
         kind="Gyro bench · attitude",

@@ -8,7 +8,7 @@ from hil.records.capture import RowFlag
 from hil.records.layout import Layout
 from hil.records.stream import BlockWriter
 from hil.records.summary import count_answers
-from hil.records.timing import Timing, ledger_layout, read_timing, timing_layout
+from hil.records.timing import Timing, ledger_layout, timing_layout
 
 LATENCY, BLOCK, TICKS = 2, 20, 5000
 
@@ -19,7 +19,7 @@ def written(path, layout: Layout, columns: dict[str, np.ndarray]) -> Timing:
         rows[name] = values
     with BlockWriter(path, layout) as writer:
         writer.push(rows)
-    return read_timing(path)
+    return Timing.read(path)
 
 
 def by_hand(ticks, flags, sent, elapsed_us, applied, deadline_us, gain):

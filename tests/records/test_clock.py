@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from hil.records.clock import ClockUnknownError, clock_layout, fit_clock, read_clock
+from hil.records.clock import ClockRecord, ClockUnknownError, clock_layout, fit_clock
 from hil.records.stream import BlockWriter
 
 Times = npt.NDArray[np.int64]
@@ -143,13 +143,13 @@ def test_exchanges_are_kept_with_their_clocks(tmp_path: Path) -> None:
     with BlockWriter(path, clock_layout(tick_rate_Hz=4000.0)) as writer:
         for k, (sent, board, received) in enumerate(zip(*exchanges(np.linspace(0.0, 3.0, 9), 20.0, 20.0), strict=True)):
             writer.put(k, sent, board, received)
-    record = read_clock(path)
+    record = ClockRecord.read(path)
     clocks = {name: column.get("clock") for name, column in record.header["columns"].items()}
     assert clocks == {"tick": "bench", "t_send_ns": "host", "board_ns": "board", "t_receive_ns": "host"}
     assert record.fit is not None
     assert record.unknown == ""
     with BlockWriter(path, clock_layout(tick_rate_Hz=4000.0)):
         pass
-    empty = read_clock(path)
+    empty = ClockRecord.read(path)
     assert empty.fit is None
     assert empty.unknown.startswith("0 exchanges of time are too few")

@@ -10,7 +10,7 @@ from scipy.spatial.distance import mahalanobis
 from scipy.stats import chi2
 
 from hil.errors import InputError
-from hil.records.estimates import covariance_layout, estimates_layout, packed, read_covariance, read_estimates
+from hil.records.estimates import Covariance, Estimates, covariance_layout, estimates_layout, packed
 from hil.records.truth import read_truth
 from hil.running.recording.recorder import record_here
 from hil.scoring.nees import band, nees, normalised_squares
@@ -39,7 +39,7 @@ def test_it_is_read_as_it_was_written(tmp_path):
     rng = np.random.default_rng(1)
     matrices = [spd(rng, 3) for _ in range(70)]
     matrices = [(matrix + matrix.T) / 2 for matrix in matrices]
-    found = read_covariance(write(tmp_path, matrices))
+    found = Covariance.read(write(tmp_path, matrices))
     assert found.complete
     assert (found.entries, found.units) == (NAMES, UNITS)
     np.testing.assert_array_equal(found.tick, 10 * np.arange(70) + 9)
@@ -68,7 +68,7 @@ def test_columns_that_are_not_the_entries_are_refused(tmp_path):
     with record_here(tmp_path, {"covariance": swapped}) as recording:
         recording["covariance"].put(0, *packed(np.eye(3)))
     with pytest.raises(InputError, match="its columns are not those of its entries; run or replay again"):
-        read_covariance(path)
+        Covariance.read(path)
 
 
 def test_squares_are_those_of_scipy():
@@ -121,8 +121,8 @@ def test_an_honest_covariance_is_in_the_band_and_a_small_one_above(tmp_path):
                 recording["estimates"].put(tick[m], *state, *(claimed * np.diag(matrix)) ** 0.5)
                 recording["covariance"].put(tick[m], *packed(claimed * matrix))
         found = nees(
-            read_covariance(folder / "covariance.arrow"),
-            read_estimates(folder / "estimates.arrow"),
+            Covariance.read(folder / "covariance.arrow"),
+            Estimates.read(folder / "estimates.arrow"),
             read_truth(truth_path),
             settle_s=4.0,
         )
@@ -149,7 +149,7 @@ def test_instants_of_one_run_are_not_independent(tmp_path, gain, memory, worth):
             recording["estimates"].put(int(now), 2.0, 1.0)
             recording["covariance"].put(int(now), 1.0)
     found = nees(
-        read_covariance(tmp_path / "covariance.arrow"), read_estimates(tmp_path / "estimates.arrow"),
+        Covariance.read(tmp_path / "covariance.arrow"), Estimates.read(tmp_path / "estimates.arrow"),
         read_truth(tmp_path / "truth.arrow"), settle_s=4.0,
     )  # fmt: skip
     assert found is not None

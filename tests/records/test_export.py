@@ -15,7 +15,7 @@ from hil.exporting.exported import Exported
 from hil.exporting.exporter import _WRITERS, FORMATS, export, write_mat, write_mcap
 from hil.importing.importer import import_record
 from hil.records.capture import read_capture
-from hil.records.estimates import read_estimates, read_innovation
+from hil.records.estimates import Estimates, Innovation
 
 EVERY = ("capture", "estimates", "innovation")
 
@@ -91,7 +91,7 @@ def test_what_was_estimated_with_its_uncertainty(folder, tmp_path, to, what, col
         table = pq.read_table(target)
         assert table.column_names == ["tick", *columns]
         values = np.column_stack([table[name].to_numpy() for name in columns])
-    read = {"innovation": read_innovation}.get(what, read_estimates)
+    read = {"innovation": Innovation.read}.get(what, Estimates.read)
     kept = read(folder / ("innovation.arrow" if what == "innovation" else "estimates.arrow"))
     there = kept.columns
     assert rows == {what: len(kept)}
@@ -106,7 +106,7 @@ def test_a_mat_file_has_a_struct_for_each_table(folder, tmp_path):
     rows = export(folder, target, "mat").rows
     read = loadmat(target, simplify_cells=True)
     assert tuple(rows) == EVERY
-    estimates, capture = read_estimates(folder / "estimates.arrow"), read_capture(folder / "capture.arrow")
+    estimates, capture = Estimates.read(folder / "estimates.arrow"), read_capture(folder / "capture.arrow")
     np.testing.assert_array_equal(read["capture"]["vx_V"], capture.sense_V[:, 0])
     np.testing.assert_array_equal(read["capture"]["uy_mps2"], capture.drive[:, 1])
     for name in ("kxx_per_s2", "sd_kxx_per_s2", "angle_rad", "angle_u_rad"):
@@ -123,7 +123,7 @@ def test_an_mcap_file_has_a_topic_for_each_table_in_the_order_of_time(folder, tm
     rows = export(folder, target, "mcap").rows
     found = messages(target)
     assert {topic.removeprefix("/"): len(times) for topic, (times, _) in found.items()} == rows
-    estimates, capture = read_estimates(folder / "estimates.arrow"), read_capture(folder / "capture.arrow")
+    estimates, capture = Estimates.read(folder / "estimates.arrow"), read_capture(folder / "capture.arrow")
     times, told = found["/capture"]
     np.testing.assert_allclose(1e-9 * times, capture.t_s, atol=1e-9)
     np.testing.assert_array_equal([row["vy_V"] for row in told], capture.sense_V[:, 1])

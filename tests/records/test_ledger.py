@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from hil.records.capture import RowFlag, board_layout, read_capture
-from hil.records.clock import ClockRecord, clock_layout, read_clock
+from hil.records.clock import ClockRecord, clock_layout
 from hil.records.stream import BlockWriter
 from hil.records.summary import applied_ticks, ledger
-from hil.records.timing import Timing, ledger_layout, rate_of_ticks, read_timing, ticks_on_clock, timing_layout
+from hil.records.timing import Timing, ledger_layout, rate_of_ticks, ticks_on_clock, timing_layout
 
 RATE_HZ = 1e5
 BLOCK = 250
@@ -70,7 +70,7 @@ def stages_of(timing: Timing, clock: ClockRecord | None = None) -> dict[str, np.
 
 def test_each_stage_has_its_time(tmp_path: Path) -> None:
     record(tmp_path / "timing.arrow", 2500.0)
-    timing = read_timing(tmp_path / "timing.arrow")
+    timing = Timing.read(tmp_path / "timing.arrow")
     stages = stages_of(timing)
     assert len(timing.tick) == 100
     assert {len(elapsed) for elapsed in stages.values()} == {99}
@@ -98,7 +98,7 @@ def exchanged(path: Path, *, behind_us: float, skew: float = 0.0, first: int = 1
             # The host's clock shows a second at the first tick.
             sent, received = 1_000_000_000 + round(reading - 30e3), 1_000_000_000 + round(reading + 30e3)
             writer.put(tick if streaming else 0, sent, board, received)
-    return read_clock(path)
+    return ClockRecord.read(path)
 
 
 @pytest.mark.parametrize("skew", [0.0, 2e-4])
@@ -110,7 +110,7 @@ def test_the_boards_own_word_leaves_the_wire_its_time(tmp_path: Path, skew: floa
             tick = k * BLOCK - 1
             received = 1_000_000_000 + round(tick * 1e9 / RATE_HZ) + 40_000
             writer.put(tick, received, received + 600_000, received + 630_000, tick + BLOCK)
-    timing = read_timing(path)
+    timing = Timing.read(path)
     np.testing.assert_allclose(stages_of(timing)["wire"], 0.0, atol=1e-3)
     clock = exchanged(tmp_path / "clock.arrow", behind_us=5.0, skew=skew)
     stages = stages_of(timing, clock)
@@ -124,7 +124,7 @@ def test_the_boards_own_word_leaves_the_wire_its_time(tmp_path: Path, skew: floa
 
 def test_in_lockstep_there_is_none(tmp_path: Path) -> None:
     record(tmp_path / "timing.arrow", None)
-    assert ledger(read_timing(tmp_path / "timing.arrow"), None, None) is None
+    assert ledger(Timing.read(tmp_path / "timing.arrow"), None, None) is None
 
 
 def test_in_force_mode_the_next_row_tells_whether_an_answer_acted(tmp_path: Path) -> None:
@@ -140,7 +140,7 @@ def test_in_force_mode_the_next_row_tells_whether_an_answer_acted(tmp_path: Path
         for tick in range(20):
             if tick != 11:
                 writer.put(tick, 0, 0, 0, 0, RowFlag.LATE_ANSWER_HELD if tick == 7 else 0)
-    timing, capture = read_timing(tmp_path / "timing.arrow"), read_capture(tmp_path / "capture.arrow")
+    timing, capture = Timing.read(tmp_path / "timing.arrow"), read_capture(tmp_path / "capture.arrow")
     applied = applied_ticks(timing.tick, capture)
     unknown = {5, 9, 18, 19}
     assert applied.tolist() == [-1 if tick in unknown else tick + latency for tick in range(20)]

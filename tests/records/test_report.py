@@ -15,7 +15,7 @@ from hil.errors import InputError
 from hil.importing.importer import import_record
 from hil.numbers import quantity
 from hil.records.diagnosis import to_model
-from hil.records.estimates import read_estimates
+from hil.records.estimates import Estimates
 from hil.records.result import TOO_SLOW, Parameter, Part, load_result, save_result
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
@@ -330,7 +330,7 @@ def test_the_pattern_of_a_resting_mass_is_a_point(make_run):
 @pytest.mark.long
 def test_a_run_that_diverged_still_has_a_page(make_run):
     folder, _ = make_run(result=False)
-    estimates = read_estimates(folder / "estimates.arrow")
+    estimates = Estimates.read(folder / "estimates.arrow")
     broken = {name: values.copy() for name, values in estimates.columns.items()}
     for values in broken.values():
         if values.dtype == float:

@@ -8,7 +8,7 @@ import pyarrow as pa
 import pytest
 
 from hil.errors import InputError
-from hil.records.estimates import read_estimates
+from hil.records.estimates import Estimates
 from hil.records.result import load_result
 from hil.records.truth import read_truth
 from hil.scoring.score import (
@@ -105,7 +105,7 @@ def test_a_drifting_pattern_is_the_control_s_and_not_the_estimate_s(make_run):
 @pytest.mark.moderate
 def test_the_angle_error_is_zero_where_scoring_starts_and_signed(make_run):
     folder, truth_file = make_run(angle_drift=0.05)
-    estimates, truth = read_estimates(folder / "estimates.arrow"), read_truth(truth_file)
+    estimates, truth = Estimates.read(folder / "estimates.arrow"), read_truth(truth_file)
     window = scored_window(estimates, truth, 1.0)
     error = angle_error_rad(estimates, truth, window)
     assert window.t_s[0] == 1.0
@@ -116,7 +116,7 @@ def test_the_angle_error_is_zero_where_scoring_starts_and_signed(make_run):
 @pytest.mark.moderate
 def test_an_estimate_turned_one_way_is_an_error_of_the_other_sign_in_phi(make_run):
     folder, truth_file = make_run()
-    estimates, truth = read_estimates(folder / "estimates.arrow"), read_truth(truth_file)
+    estimates, truth = Estimates.read(folder / "estimates.arrow"), read_truth(truth_file)
     window = scored_window(estimates, truth, 1.0)
     turn = 0.01
     columns = dict(estimates.columns)

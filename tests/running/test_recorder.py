@@ -15,7 +15,7 @@ import pytest
 from hil.records.atomic import make_run_folder, write_text
 from hil.records.blocks import read_blocks
 from hil.records.capture import board_layout, read_capture
-from hil.records.timing import read_timing, timing_layout
+from hil.records.timing import Timing, timing_layout
 from hil.running.recording import recorder
 from hil.running.recording.recorder import record_apart, record_here
 
@@ -114,7 +114,7 @@ def test_a_killed_loop_keeps_everything_it_had_pushed(tmp_path):
     for descriptor in watched:  # readable once the recorder has ended by itself
         with os.fdopen(descriptor) as ended:
             assert select.select([ended], [], [], 20)[0]
-    capture, timing = read_capture(tmp_path / "capture.arrow"), read_timing(tmp_path / "timing.arrow")
+    capture, timing = read_capture(tmp_path / "capture.arrow"), Timing.read(tmp_path / "timing.arrow")
     assert (len(capture), capture.complete) == (1500, False)
     assert (timing.tick.size, timing.complete) == (750, False)
 

@@ -24,7 +24,7 @@ from hil.bench import Bench, examples, load_bench, override
 from hil.bench.mount import load_mount
 from hil.errors import InputError
 from hil.library.loading import AttitudeRun
-from hil.records.attitude import read_attitude
+from hil.records.attitude import AttitudeRecord
 from hil.records.runfolder import RunFolder
 from hil.running.several import requests_of, run_several
 from hil.toml.reading import toml_value
@@ -99,7 +99,7 @@ def test_the_attitude_under_coning_is_as_good_as_the_angles(tmp_path: Path) -> N
     )
     assert isinstance(run, AttitudeRun)
     assert run.verdict == "good", [one.verdict for one in run.runs]
-    record = read_attitude(run.path / "attitude.arrow")
+    record = AttitudeRecord.read(run.path / "attitude.arrow")
     t = record.header["start_s"] + record.t_s
     assert t[-1] - t[0] > 59.0
     errors = [
