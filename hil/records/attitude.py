@@ -32,8 +32,6 @@ def attitude_layout(*, rate_Hz: float, start_s: float) -> Layout:
 
 @dataclass(frozen=True)
 class AttitudeRecord(Table):
-    """The record, read."""
-
     KIND = "attitude"
 
     @property

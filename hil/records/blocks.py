@@ -85,7 +85,6 @@ class StoredColumns(Mapping[str, npt.NDArray[Any]]):
 
     @property
     def rows(self) -> int:
-        """How many rows there are."""
         return self._stop - self._start
 
     def part(self, start: int, stop: int) -> "StoredColumns":
@@ -131,7 +130,6 @@ Columns = Mapping[str, npt.NDArray[Any]]
 
 
 def rows_of(columns: Columns) -> int:
-    """Number of rows."""
     return columns.rows if isinstance(columns, StoredColumns) else next(iter(columns.values())).size
 
 
@@ -185,7 +183,6 @@ class Blocks:
 
     @property
     def rows(self) -> int:
-        """Number of rows read."""
         return rows_of(self.columns)
 
 
@@ -269,7 +266,6 @@ class GrowingFile:
         return self._part(new, sum(block.rows for block in new) + self._rows)
 
     def close(self) -> None:
-        """May be called again."""
         self._file.close()
 
     def _part(self, blocks: list[Block], stop: int) -> Columns:

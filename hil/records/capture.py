@@ -163,7 +163,6 @@ class Capture(Table):
 
     @property
     def gaps(self) -> int:
-        """In how many places."""
         return int(np.count_nonzero(np.diff(self.tick) > 1))
 
     @property
@@ -184,7 +183,6 @@ class Capture(Table):
         return self.part(*self.segments[name])
 
     def _of(self, columns: Columns) -> Self:
-        """Some of its rows; its segments are rows of the whole."""
         return replace(self, columns=columns, header={k: v for k, v in self.header.items() if k != "segments"})
 
     def _prefixes(self, stem: str) -> list[str]:
@@ -295,13 +293,10 @@ def trims_layout(outputs: Sequence[Mapping[str, Any]], *, tick_rate_Hz: float) -
 
 
 class Trims(Table):
-    """The changes of a run, read."""
-
     KIND = "trims"
 
     @property
     def outputs(self) -> list[dict[str, Any]]:
-        """What stands in the header of each."""
         return list(self.header["outputs"])
 
     @property

@@ -41,11 +41,9 @@ class Checked:
 
     @property
     def whole(self) -> bool:
-        """Whether nothing speaks against it."""
         return not self.problems
 
     def figures(self) -> dict[str, Any]:
-        """As JSON values."""
         names = ("name", "rows", "seconds", "complete", "lost", "gaps", "problems", "remarks")
         return {"whole": self.whole} | {name: getattr(self, name) for name in names}
 
@@ -100,7 +98,6 @@ def _is_record(entry: Checked) -> bool:
 
 
 def _keep(scan: Scan | None, path: Path, target: Path) -> None:
-    """Copy the whole blocks; a file without damage as it is."""
     if scan is None or (scan.damage and not scan.blocks):
         raise InputError(f"{path}: no block of it is whole; restore it from a copy")
     left = scan.size if scan.damage or not scan.complete else path.stat().st_size

@@ -25,7 +25,6 @@ class Coefficient(json_file.Strict):
 
     @property
     def may_be_zero(self) -> bool:
-        """Whether zero is within the interval."""
         low, high = self.ci95
         return (low is None or low <= 0.0) and (high is None or high >= 0.0)
 
@@ -349,7 +348,6 @@ def _written(value: Any) -> Any:
 
 
 def coefficient(interval: traced.Interval) -> Coefficient:
-    """An interval as it is written."""
     return Coefficient(
         value=_finite(interval.value), ci95=(_finite(interval.low), _finite(interval.high)), unit=interval.unit
     )

@@ -90,12 +90,10 @@ class DirectRecord:
 
     @property
     def header(self) -> Mapping[str, Any]:
-        """What the file says of itself."""
         return self._opening.header
 
     @property
     def dtypes(self) -> Mapping[str, np.dtype[Any]]:
-        """Its columns."""
         return self._opening.dtypes
 
     @property
@@ -144,7 +142,6 @@ class DirectRecord:
         return int(self.read(["tick"], row, row + 1)["tick"][0])
 
     def close(self) -> None:
-        """May be called again."""
         self._file.close()
 
     def __enter__(self) -> Self:

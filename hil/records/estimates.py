@@ -86,7 +86,6 @@ class Estimates(Table):
 
     @property
     def states(self) -> tuple[str, ...]:
-        """Names of the state columns, with their units, e.g. `kxx_per_s2`."""
         return tuple(self.header["states"])
 
     @property
@@ -107,7 +106,6 @@ class Estimates(Table):
         return self.columns[f"sd_{name}"]
 
     def unit(self, name: str) -> str:
-        """Unit of a column."""
         return str(self.header["columns"][name]["unit"])
 
     def _flaw(self) -> str:
@@ -162,8 +160,6 @@ def innovation_layout(*, tick_rate_Hz: float, axes: int, sense_unit: str = "V") 
 
 @dataclass(frozen=True)
 class Innovation(Table):
-    """Innovation of a run, read."""
-
     KIND = "innovation"
 
     @property

@@ -34,7 +34,6 @@ def of_run(result: Result) -> list[Known]:
 
 
 def of_trace(found: "Diagnosis") -> list[Known]:
-    """Figures of a trace."""
     return _sound(_of_trace(found))
 
 

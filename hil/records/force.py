@@ -69,7 +69,6 @@ def load_force(path: Path) -> Any:
 
 
 def to_model(force: MissingForce) -> written.MissingForce:
-    """As diagnosis.json has it."""
     there = force.there
     rms = math.sqrt(float(np.mean(force.force[there] ** 2))) if np.any(there) else math.nan
     form = force.form

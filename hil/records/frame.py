@@ -29,7 +29,6 @@ class Frame:
 
     @property
     def buckets(self) -> int:
-        """How many there are."""
         return int(self.low.shape[1])
 
     @property

@@ -100,7 +100,6 @@ class Layout:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """Inverse of `to_json`."""
         parts = json.loads(text)
         columns = tuple(Column(*entry) for entry in parts["columns"])
         return cls(parts["kind"], columns, parts["block_rows"], parts["header"])

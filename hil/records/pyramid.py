@@ -43,7 +43,6 @@ class Stretches(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many there are."""
         return int(self.number.size)
 
     def part(self, start: int, stop: int | None) -> "Stretches":

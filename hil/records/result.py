@@ -69,7 +69,6 @@ class Percentiles(json_file.Strict):
 
     @property
     def line(self) -> str:
-        """The three in one line."""
         return f"{self.p50:.0f}, {self.p99:.0f}, {self.p999:.0f} µs"
 
 
@@ -116,7 +115,6 @@ class SampleRate(json_file.Strict):
 
     @property
     def line(self) -> str:
-        """In one line."""
         off = typeset(f"{self.off_ppm:+.1f}")
         return f"{off} ± {self.uncertainty_ppm:.1f} ppm off the declared {self.declared_Hz:g} Hz, by the host's clock"
 
@@ -131,7 +129,6 @@ class BoardClock(json_file.Strict):
 
     @property
     def line(self) -> str:
-        """The relation in one line."""
         if (found := self.relation) is None:
             return f"not compared with the host's; {self.unknown}"
         skew, offset_s = typeset(f"{found.skew_ppm:+.2f}"), typeset(f"{1e-9 * found.offset_ns:.6f}")
@@ -194,7 +191,6 @@ class Answers(json_file.Strict):
 
     @property
     def parts(self) -> dict[str, int]:
-        """The parts of the sum by name, as they are told."""
         return {
             "answered in time": self.in_time,
             "answered late": self.late,
@@ -223,12 +219,10 @@ class Holds(json_file.Strict):
 
     @property
     def setting(self) -> Setting:
-        """The setting itself."""
         return Setting(self.latency_ticks, self.block, self.rate_Hz)
 
     @property
     def line(self) -> str:
-        """In one line."""
         late = f"{percent(self.expected, 2)} of the answers expected late"
         return f"{self.setting.words}: {late}, at most {percent(self.at_most, 2)} (95{_SPACE}%)"
 
@@ -246,7 +240,6 @@ class Constant(json_file.Strict):
 
     @property
     def half(self) -> float | None:
-        """Half of the interval."""
         return None if self.ci95 is None else 0.5 * (self.ci95[1] - self.ci95[0])
 
 
@@ -429,7 +422,6 @@ class OnBoard(json_file.Strict):
 
     @property
     def line(self) -> str:
-        """What is between the board's estimates and the host's, in one line."""
         told = [
             f"{name} {quantity(size, unit)}{when}"
             for name, size, unit, when in (
@@ -472,7 +464,6 @@ class Reference(json_file.Strict):
 
     @property
     def line(self) -> str:
-        """What it says of the device, in one line."""
         if self.bias is None:
             return f"not compared: {self.unknown}"
         told = [

@@ -121,5 +121,4 @@ class Table:
         return float(self.part(0, 1).t_s[0]), float(self.part(len(self) - 1, len(self)).t_s[0])
 
     def _of(self, columns: Columns) -> Self:
-        """Some of its rows."""
         return replace(self, columns=columns)

@@ -53,8 +53,6 @@ def ledger_layout(*, tick_rate_Hz: float, block: int, deadline_us: float | None 
 
 @dataclass(frozen=True)
 class Timing(Table):
-    """Wall times of a run, read."""
-
     KIND = "timing"
 
     def spread(self, rows: int, stretches: int) -> "Timing":

@@ -55,7 +55,6 @@ def artist_process() -> Iterator[Artist]:
 
 
 def main() -> None:
-    """Draw the figures of the run that is named on standard input."""
     import matplotlib.backends.backend_svg  # before there is anything to draw
     import matplotlib.figure  # noqa: F401
 

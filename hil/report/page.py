@@ -48,7 +48,6 @@ def render(
     earlier: Material | None = None,
     drawn: Mapping[str, str] | None = None,
 ) -> str:
-    """The page as text."""
     material = Material(folder, truth, earlier)
     drawn = draw_figures(material) if drawn is None else drawn
 

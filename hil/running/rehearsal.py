@@ -32,7 +32,6 @@ class Started:
     words: str
 
     def bench(self, bench: Bench) -> Bench:
-        """The bench file for that board."""
         if self.setting is None:
             return override(bench, {"loop": {"clock": "lockstep"}}, "lockstep")
         if self.setting.latency_ticks:

@@ -47,13 +47,11 @@ class RunRequest:
         return None if given is None else Path(given)
 
     def as_json(self) -> dict[str, Any]:
-        """The same in JSON values, for another process."""
         told: dict[str, Any] = TypeAdapter(type(self)).dump_python(self, mode="json")
         return told
 
     @classmethod
     def of_json(cls, told: Mapping[str, Any]) -> Self:
-        """A request of `as_json`."""
         return TypeAdapter(cls).validate_python(told, strict=False)
 
 

@@ -105,7 +105,6 @@ class AdapterLink:
         raise LinkError(f"{self.name}: {self._failure}; see to the adapter and start again")
 
     def close(self) -> None:
-        """Give the adapter back; a second call does nothing."""
         if not self._closing:
             self._closing = True
             self._records.shutdown(socket.SHUT_RDWR)  # or the thread may wait for ever for room that nobody makes

@@ -99,7 +99,6 @@ class CanDecoder:
         return self.malformed + self.broken
 
     def feed(self, data: bytes) -> list[Frame]:
-        """As `FrameDecoder.feed`."""
         self.bytes += len(data)
         if self._rest:
             data = self._rest + data
@@ -209,17 +208,14 @@ class CanFormat:
         return said + self._brief(payload) if type_ == _STATUS else said, 1
 
     def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
-        """As `FrameFormat.cut`: single CAN frames."""
         whole = len(data) // RECORD_SIZE * RECORD_SIZE
         return [data[at : at + RECORD_SIZE] for at in range(0, whole, RECORD_SIZE)], data[whole:]
 
     def kind(self, frame: bytes) -> int | None:
-        """As `FrameFormat.kind`; the first part of a message is as good as the last."""
         identifier, _, _ = HEAD.unpack_from(frame)
         return int(identifier) >> CAN.type_shift & 0x7F
 
     def decoder(self) -> CanDecoder:
-        """As `FrameFormat.decoder`."""
         return CanDecoder(self.node, BOARD if self._sender == HOST else HOST)
 
     def _encode_rows(self, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:

@@ -142,28 +142,17 @@ def read_field_table(endpoint: Endpoint, timeout_s: float = 2.0) -> tuple[FieldE
 def read_register(endpoint: Endpoint, name: str, timeout_s: float = 2.0) -> float:
     """Value of a register, by its name in the spec. Raises as `request`; ProtocolError for an unknown
     name."""
-    number = _register_id(name)
-    return request(
-        endpoint,
-        RegisterRead(number),
-        RegisterValue,
-        timeout_s,
-        lambda answer: answer.register == number,
-        what=name,
-    ).value
+    return _register(endpoint, RegisterRead(_register_id(name)), timeout_s, name)
 
 
 def write_register(endpoint: Endpoint, name: str, value: float, timeout_s: float = 2.0) -> float:
     """Set a register, by its name in the spec; returns the value now in force. Raises as `read_register`."""
-    number = _register_id(name)
-    return request(
-        endpoint,
-        RegisterWrite(number, value),
-        RegisterValue,
-        timeout_s,
-        lambda answer: answer.register == number,
-        what=f"{name} = {value:g}",
-    ).value
+    return _register(endpoint, RegisterWrite(_register_id(name), value), timeout_s, f"{name} = {value:g}")
+
+
+def _register(endpoint: Endpoint, message: RegisterRead | RegisterWrite, timeout_s: float, what: str) -> float:
+    number = message.register
+    return request(endpoint, message, RegisterValue, timeout_s, lambda answer: answer.register == number, what).value
 
 
 def arm(endpoint: Endpoint, timeout_s: float = 2.0) -> Status:

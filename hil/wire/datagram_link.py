@@ -57,7 +57,6 @@ class DatagramLink(ABC):
         self._claim = claim
 
     def fileno(self) -> int:
-        """The socket's descriptor; -1 once closed."""
         return self._wire.fileno()
 
     def send(self, data: bytes) -> None:
@@ -130,7 +129,6 @@ class DatagramLink(ABC):
                 pass
 
     def close(self) -> None:
-        """Close the socket; a second call does nothing."""
         self._wire.close()
         self._claim.release()
 

@@ -44,10 +44,11 @@ class Endpoint:
         forgotten: SENSE blocks that were kept for later and found no room.
         exchanges: answers to `ask_time` with their times, for the caller to take out; the oldest are forgotten.
         answers: REGISTER_VALUE and NACK with their ticks, likewise.
+        rows_kept: whether samples were kept, which `receive_rows` would return at once.
     """
 
     __slots__ = (
-        "_inbox", "_rows_kept", "answers", "exchanges", "forgotten", "link", "received_ns", "refusals", "rx", "sent_ns",
+        "_inbox", "answers", "exchanges", "forgotten", "link", "received_ns", "refusals", "rows_kept", "rx", "sent_ns",
         "tx", "unsent",
     )  # fmt: skip
 
@@ -63,7 +64,7 @@ class Endpoint:
         self.forgotten = 0
         self.answers: deque[Received] = deque(maxlen=_ANSWERS)
         self._inbox: deque[Received] = deque(maxlen=INBOX)
-        self._rows_kept = False
+        self.rows_kept = False
 
     def send(self, message: Message, tick: int | None = None) -> None:
         """Send any message; `tick` goes into the header, by default the newest tick heard from the peer.
@@ -96,7 +97,7 @@ class Endpoint:
 
     def poll_new(self, timeout_s: float | None) -> list[Received]:
         """Like `poll`, but leaves kept messages where they are: for one who waits for an answer."""
-        return self._feed(self._receive(timeout_s))
+        return self._noted(self.rx.feed(self._receive(timeout_s)))
 
     def poll_frames(self, timeout_s: float | None) -> list[Frame]:
         """Like `poll`, but frames whose payload nobody has looked at, ticks unwrapped: for a peer of another
@@ -109,7 +110,7 @@ class Endpoint:
         for item in self._inbox if len(self._inbox) + len(items) > INBOX else ():
             self.forgotten += isinstance(item.message, Sense)  # more than go, perhaps
         self._inbox.extend(items)
-        self._rows_kept = self._rows_kept or any(isinstance(item.message, Sense) for item in items)
+        self.rows_kept = self.rows_kept or any(isinstance(item.message, Sense) for item in items)
 
     def said(self) -> list[Message]:
         """What has come beside samples and was kept, taken out; nothing is received, samples stay."""
@@ -122,7 +123,7 @@ class Endpoint:
 
     def blocks(self) -> list[Received]:
         """SENSE that was kept, taken out; nothing is received, other messages stay."""
-        if not self._rows_kept:
+        if not self.rows_kept:
             return []
         items = list(self._inbox)
         self._clear()
@@ -133,27 +134,18 @@ class Endpoint:
         """Samples that have arrived, one tuple (tick, vx, vy, ux, uy, flags) of plain integers per row; other
         messages are kept for `poll`. Waits up to `timeout_s` seconds (None: for ever) for bytes; the list may
         be empty before the time is up. Raises LinkClosed."""
-        if self._rows_kept:
+        if self.rows_kept:
             kept = list(self._inbox)
             self._clear()
             return self._rows(kept)
-        return self._rows(self._feed(self._receive(timeout_s)))
-
-    @property
-    def rows_kept(self) -> bool:
-        """Whether samples were kept, which `receive_rows` would return at once."""
-        return self._rows_kept
-
-    def _feed(self, data: bytes) -> list[Received]:
-        """Messages that `data`, just received, completes."""
-        return self._noted(self.rx.feed(data))
+        return self._rows(self._noted(self.rx.feed(self._receive(timeout_s))))
 
     def take_in(self, items: list[Received]) -> None:
         """Messages that somebody else has received and decoded: kept for `poll`, with what hangs off them."""
         self.keep(self._noted(items))
 
     def _noted(self, items: list[Received]) -> list[Received]:
-        """The same; answers about the time are noted with theirs, refusals counted."""
+        """The same messages; answers about the time are noted with theirs, refusals counted."""
         for item in items:
             message = item.message
             if isinstance(message, TimeSync):
@@ -185,12 +177,11 @@ class Endpoint:
         self._clear()
 
     def close(self) -> None:
-        """Close the link."""
         self.link.close()
 
     def _clear(self) -> None:
         self._inbox.clear()
-        self._rows_kept = False
+        self.rows_kept = False
 
     def _receive(self, timeout_s: float | None) -> bytes:
         data = self.link.receive(timeout_s)

@@ -28,7 +28,6 @@ class FdLink(Link):
         self._watch = [fd]
 
     def fileno(self) -> int:
-        """The descriptor; -1 once closed."""
         return self._fd
 
     def send(self, data: bytes) -> None:
@@ -58,7 +57,6 @@ class FdLink(Link):
         return data
 
     def close(self) -> None:
-        """Close the descriptor; a second call does nothing."""
         if self._fd != -1:
             os.close(self._fd)
             self._fd = -1

@@ -22,9 +22,7 @@ class Board(Protocol):
     # `link_t.answer` of hil/running/native/structs.h, which puts down 65,536 bytes at most. The host's turn then calls
     # it without Python.
 
-    def close(self) -> None:
-        """Finish its records."""
-        ...
+    def close(self) -> None: ...
 
 
 class InprocLink(Link):
@@ -38,7 +36,6 @@ class InprocLink(Link):
         self._pending = b""
 
     def fileno(self) -> None:
-        """There is nothing to wait on."""
         return
 
     @property
@@ -68,7 +65,6 @@ class InprocLink(Link):
         return data
 
     def close(self) -> None:
-        """Close the board; a second call does nothing."""
         if self._board is not None:
             board, self._board = self._board, None
             board.close()

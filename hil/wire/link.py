@@ -55,9 +55,7 @@ class BoardLink(Link, Protocol):
     url: str
     drop_when_full: bool
 
-    def fileno(self) -> int:
-        """Descriptor to wait on."""
-        ...
+    def fileno(self) -> int: ...
 
     def offer(self, data: bytes | memoryview) -> int:
         """Send what fits now, on a link of frames in whole ones, and return how many bytes that was. Raises

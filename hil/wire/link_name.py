@@ -43,7 +43,6 @@ class SerialPort:
 
     @property
     def url(self) -> str:
-        """Its name."""
         return f"serial:{self.path}" + _query({} if self.baud == DEFAULT_BAUD else {"baud": str(self.baud)})
 
 
@@ -56,7 +55,6 @@ class CanInterface:
 
     @property
     def url(self) -> str:
-        """Its name."""
         return f"can:{self.channel}" + _query(_node(self.node))
 
 
@@ -71,7 +69,6 @@ class CanAdapter:
 
     @property
     def url(self) -> str:
-        """Its name."""
         return f"can:{self.interface}:{self.channel}" + _query({**_node(self.node), **dict(self.options)})
 
 
@@ -103,7 +100,6 @@ class UdpGroup:
 
     @property
     def url(self) -> str:
-        """Its name."""
         given = {"interface": self.interface, "key": self.key}
         return f"udp:{self.place}" + _query({name: value for name, value in given.items() if value is not None})
 
@@ -128,7 +124,6 @@ class Emulated:
 
     @property
     def url(self) -> str:
-        """Its name."""
         given = {name.partition("_")[0]: _written(value) for name, value in self.changes.items()}
         given |= {} if self.emulator is None else {"emulator": self.emulator}
         return f"{self.kind}:{self.scenario}" + _query(given)
@@ -142,7 +137,6 @@ class LabgridPlace:
 
     @property
     def url(self) -> str:
-        """Its name."""
         return f"labgrid:{self.place}"
 
 
@@ -155,7 +149,6 @@ class Brought:
 
     @property
     def url(self) -> str:
-        """Its name."""
         return f"{self.scheme}:{self.rest}"
 
 

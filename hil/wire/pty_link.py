@@ -57,7 +57,6 @@ class PtyLink(FdLink):
             termios.tcflush(self._slave, termios.TCIFLUSH)
 
     def close(self) -> None:
-        """Close both ends; a second call does nothing."""
         if self._slave != -1:
             os.close(self._slave)
             self._slave = -1

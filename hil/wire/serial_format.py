@@ -9,20 +9,16 @@ class SerialFormat:
     sealed = True
 
     def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:
-        """As `FrameFormat.encode`; one frame, one number."""
         return encode_frame(type_, seq, tick, payload), 1
 
     def cut(self, data: bytes) -> tuple[list[bytes], bytes]:
-        """As `FrameFormat.cut`."""
         *runs, rest = data.split(b"\0")
         return [b"\0" + run + b"\0" for run in runs if run], rest
 
     def kind(self, frame: bytes) -> int | None:
-        """As `FrameFormat.kind`."""
         return next((found.type for found in Decoder().feed(frame)), None)
 
     def decoder(self) -> Decoder:
-        """As `FrameFormat.decoder`."""
         return Decoder()
 
 

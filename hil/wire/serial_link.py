@@ -29,7 +29,6 @@ class SerialLink(FdLink):
         self._port = port
 
     def close(self) -> None:
-        """Give the port back; a second call does nothing."""
         self._fd = -1
         self._port.close()
 

@@ -76,7 +76,6 @@ class Field:
         return int(base[1:]) * self.count if base[1:].isdigit() else 0
 
     def entry(self, message: str) -> FieldEntry:
-        """The field's line in the field table."""
         scale = self.unit if self.scale == "1" else f"{self.scale} per {self.unit}"
         return FieldEntry(message, self.name, self.type, scale)
 
@@ -102,12 +101,10 @@ class Layout:
 
     @property
     def size(self) -> int:
-        """Bytes of the fixed fields."""
         return struct.calcsize(self.struct)
 
     @property
     def open_ended(self) -> bool:
-        """Whether text or rows follow the fixed fields."""
         return bool(self.rows) or any(field.type == "text" for field in self.fields)
 
 

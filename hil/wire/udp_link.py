@@ -12,13 +12,12 @@ import socket
 import struct
 from contextlib import suppress
 from pathlib import Path
-from typing import Protocol
 
 from hil.wire.datagram_link import DatagramLink, Source
 from hil.wire.errors import LinkError
 from hil.wire.frame_format import HOST, Sender
 from hil.wire.key_file import read_key
-from hil.wire.keyed import Address, Heard, KeyedBoard, KeyedHost, Peer, PlainBoard, PlainHost
+from hil.wire.keyed import Address, KeyedBoard, KeyedHost, Peer, PlainBoard, PlainHost
 from hil.wire.link import Claim
 from hil.wire.link_name import UdpGroup
 from hil.wire.serial_format import SERIAL
@@ -26,25 +25,6 @@ from hil.wire.serial_format import SERIAL
 _BUFFER = 1 << 22  # bytes to hold while a reader is away; the system may allow less
 _IP_MULTICAST_ALL = 49
 _ADVICE = "is the board on, in the same network, on the same group, port and interface, with the same key?"
-
-
-class _HostSession(Protocol):
-    refused: int
-    busy: bool
-
-    def seal(self, frame: bytes) -> bytes | None: ...
-
-    def leave(self) -> bytes | None: ...
-
-    def heard(self, datagram: bytes) -> Heard: ...
-
-
-class _BoardSession(Protocol):
-    refused: int
-
-    def seal(self, frame: bytes) -> bytes | None: ...
-
-    def heard(self, datagram: bytes, *, from_peer: bool, taken: bool) -> Heard: ...
 
 
 class _UdpLink(DatagramLink):
@@ -69,7 +49,13 @@ class UdpHost(_UdpLink):
     """
 
     def __init__(
-        self, wire: socket.socket, name: str, group: Address, board: Address | None, session: _HostSession, claim: Claim
+        self,
+        wire: socket.socket,
+        name: str,
+        group: Address,
+        board: Address | None,
+        session: PlainHost | KeyedHost,
+        claim: Claim,
     ) -> None:
         super().__init__(wire, name, SERIAL, claim, _ADVICE)
         self._group = group
@@ -79,7 +65,6 @@ class UdpHost(_UdpLink):
 
     @property
     def strangers(self) -> int:
-        """As the class says."""
         return self.unheard + self._session.refused
 
     @property
@@ -123,7 +108,7 @@ class UdpBoard(_UdpLink):
     """
 
     def __init__(
-        self, hears: socket.socket, speaks: socket.socket, name: str, session: _BoardSession, claim: Claim
+        self, hears: socket.socket, speaks: socket.socket, name: str, session: PlainBoard | KeyedBoard, claim: Claim
     ) -> None:
         super().__init__(hears, name, SERIAL, claim, _ADVICE)
         speaks.setblocking(False)
@@ -133,11 +118,9 @@ class UdpBoard(_UdpLink):
 
     @property
     def strangers(self) -> int:
-        """As the class says."""
         return self._session.refused
 
     def close(self) -> None:
-        """Close both sockets; a second call does nothing."""
         self._speaks.close()
         super().close()
 

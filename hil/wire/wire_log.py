@@ -42,7 +42,6 @@ class WireLog:
                 self._wire.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
 
     def hear(self, _: can.Message) -> None:
-        """A frame is in the log."""
         self._newest_s = time.monotonic()
 
     def finish(self) -> None:

@@ -24,12 +24,10 @@ class Material:
     record: Record
     device: Device
     settings: ObserverSettings
-    bench_text: str
     missing_force: MissingForce | None = None
 
     @property
     def sample_rate_Hz(self) -> float:
-        """Mean sampling rate."""
         return 1.0 / float(np.mean(self.record.step))
 
     @property

@@ -1,6 +1,6 @@
 """Puts the page of a trace together and writes it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -26,6 +26,7 @@ from hil.report.diagnosis.evidence import (
 from hil.report.diagnosis.material import Material
 from hil.report.diagnosis.tables import force_coefficients
 from hil.report.markup import Figures
+from hil.report.theme import Drawing
 from hil.report.verdict import Headline, facts_of_trace
 from hil.verdict.next_step import after_trace
 
@@ -43,6 +44,16 @@ _SAYS = {
 }
 
 
+@dataclass(frozen=True)
+class Pictures:
+    """Figures as HTML, by the section they belong to."""
+
+    effect: str = ""
+    error: str = ""
+    force: str = ""
+    candidates: str = ""
+
+
 def write_report(
     folder: Path,
     found: traced.Diagnosis,
@@ -58,21 +69,22 @@ def write_report(
     found: the engine's answer about `record`; diagnosis: the same as written; device, settings: the model as it was;
     force: what it lacks, without a name, where that was asked; capture: the file that was traced.
     """
-    material = Material(found, diagnosis, record, device, settings, _bench_text(folder), force)
-    facts = facts_of_trace(folder, diagnosis, f"{significant(float(record.time[-1]), 4)} s")
-    page = render(material, tuple(facts), after_trace(folder, diagnosis, record=capture))
-    write_text(folder / "report.html", page)
-    return folder / "report.html"
+    material = Material(found, diagnosis, record, device, settings, force)
+    figures = Figures()
 
+    def drawn(*draw: Callable[[Material], Drawing | None]) -> str:
+        return "".join(figures.add(lambda one=one: one(material)) for one in draw)  # type: ignore[misc]
 
-@dataclass(frozen=True)
-class Pictures:
-    """Figures as HTML, by the section they belong to."""
-
-    effect: str = ""
-    error: str = ""
-    force: str = ""
-    candidates: str = ""
+    pictures = Pictures(
+        effect=drawn(intervals_figure),
+        error=drawn(held_out_figure, residual_level_figure, held_out_spectrum_figure),
+        force=drawn(missing_force.draw_fast, missing_force.draw_slow),
+        candidates=drawn(evidence_figure),
+    )
+    held_out = f"{significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % held out"
+    length_s = float(record.time[-1])
+    told = ("Record", f"{significant(length_s)} s", f"{count(diagnosis.samples)} samples, {held_out}")
+    return write_page(folder, diagnosis, pictures, told, f"{significant(length_s, 4)} s", capture=capture)
 
 
 def write_page(
@@ -83,51 +95,15 @@ def write_page(
     length: str,
     *,
     declarable: bool = True,
+    capture: Path | None = None,
 ) -> Path:
     """Write `folder/report.html` from the diagnosis as written and the figures, whole or not at all, and return its
-    path; length: of the record, in a few words; the rest as `page_of` takes it.
+    path.
+
+    record: the last of the key figures; length: of the record, in a few words; declarable: whether a bench file can
+    declare the effects; capture: the file that was traced.
     """
-    text, command = _bench_text(folder), after_trace(folder, diagnosis)
-    facts = tuple(facts_of_trace(folder, diagnosis, length))
-    page = page_of(diagnosis, pictures, text, record, declarable=declarable, facts=facts, command=command)
-    write_text(folder / "report.html", page)
-    return folder / "report.html"
-
-
-def render(material: Material, facts: Sequence[str] = (), command: str | None = None) -> str:
-    """The page as text; `facts` stand in a line below the title, `command` is what comes next."""
-    figures = Figures()
-    pictures = Pictures(
-        effect=figures.add(lambda: intervals_figure(material)),
-        error=figures.add(lambda: held_out_figure(material))
-        + figures.add(lambda: residual_level_figure(material))
-        + figures.add(lambda: held_out_spectrum_figure(material)),
-        force=figures.add(lambda: missing_force.draw_fast(material))
-        + figures.add(lambda: missing_force.draw_slow(material)),
-        candidates=figures.add(lambda: evidence_figure(material)),
-    )
-    diagnosis = material.diagnosis
-    held_out = f"{significant(100 * (1 - diagnosis.split / diagnosis.samples), 2)} % held out"
-    seconds = f"{significant(float(material.record.time[-1]))} s"
-    record = ("Record", seconds, f"{count(diagnosis.samples)} samples, {held_out}")
-    return page_of(diagnosis, pictures, material.bench_text, record, facts=facts, command=command)
-
-
-def page_of(
-    diagnosis: Diagnosis,
-    pictures: Pictures,
-    bench_text: str,
-    record: tuple[str, str, str],
-    *,
-    declarable: bool = True,
-    facts: Sequence[str] = (),
-    command: str | None = None,
-) -> str:
-    """The page as text, from the diagnosis as written and the figures; `record` is the last of the key figures.
-
-    declarable: whether a bench file can declare the effects; facts: in a line below the title, as when, with what and
-    how long; command: what comes next.
-    """
+    bench_text = RunFolder(folder).bench_text
     tone, word = _WORDS[diagnosis.verdict]
     said = (
         *diagnosis.prepared,
@@ -158,15 +134,17 @@ def page_of(
         markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
         markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
     ]
-    return markup.page(
+    page = markup.page(
         kind="Gyro bench · trace",
         title=diagnosis.record,
         line=Headline(tone, word, headline(diagnosis)),
         key=markup.key_figures([*_key_figures(diagnosis), record]),
         sections="".join(sections),
-        verdict=markup.verdict((), command),
-        facts=facts,
+        verdict=markup.verdict((), after_trace(folder, diagnosis, record=capture)),
+        facts=facts_of_trace(folder, diagnosis, length),
     )
+    write_text(folder / "report.html", page)
+    return folder / "report.html"
 
 
 def headline(diagnosis: Diagnosis) -> str:
@@ -251,10 +229,6 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
         by = "what was found" if changed else "the fitted candidate that is not named"
         entries.append(("The angle moves by", quantity(diagnosis.angle_moved_rad, "rad"), f"largest change, by {by}"))
     return entries
-
-
-def _bench_text(folder: Path) -> str:
-    return RunFolder(folder).bench_text
 
 
 def _rms(value: float | None, unit: str) -> str:

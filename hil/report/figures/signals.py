@@ -49,7 +49,8 @@ def signals_figure(material: Material) -> Drawing | None:
     for row, (panels, (name, unit)) in enumerate(zip(grid, names, strict=True)):
         columns = range(row * len(titles), (row + 1) * len(titles))
         size = max(drawn.held.size(column) for column in columns)
-        factor, label = unit_for(size, unit) if name == "sensed" else _prefixed(size, unit)
+        factor, prefix = prefix_for(size)  # of a drive
+        factor, label = unit_for(size, unit) if name == "sensed" else (factor, prefix + unit)
         for axis, (ax, column) in enumerate(zip(panels, columns, strict=True)):
             edges = drawn.band(column, column, factor)
             ax.fill_between(*edges, color=AXIS_COLOURS[axis % 2], alpha=0.5, linewidth=0.4)
@@ -62,12 +63,6 @@ def signals_figure(material: Material) -> Drawing | None:
     span_time(list(grid.ravel()), span)
     caption = f"Envelopes of every sample: {'; '.join(words)}."
     return Drawing(figure, "Signals", caption, f"Envelopes over time. {caption}")
-
-
-def _prefixed(size: float, unit: str) -> tuple[float, str]:
-    """Factor and unit of a drive."""
-    factor, prefix = prefix_for(size)
-    return factor, prefix + unit
 
 
 def innovation_figure(material: Material) -> Drawing | None:
@@ -198,7 +193,7 @@ def prediction_panels(
     figure = new_figure(3.4)
     grid = figure.subplots(2, axes, sharex=True, sharey="row", squeeze=False, height_ratios=(1.3, 1.0))
     largest = max(float(np.max(np.abs(one.values[rows]))) for one, rows in zip(left, finite, strict=True) if rows.any())
-    factors = [_factor(float(np.max(np.abs(measured), initial=0.0)), unit), _factor(largest, unit)]
+    factors = [unit_for(float(np.max(np.abs(measured), initial=0.0)), unit), unit_for(largest, unit)]
     for axis, (above, below) in enumerate(grid.T):
         above.plot(t_s, measured[:, axis] * factors[0][0], ".", color=INK, markersize=3.5, label="measured", zorder=3)
         for one in left:
@@ -224,9 +219,3 @@ def prediction_panels(
         f"below, measured minus {word}: {leaves}."
     )
     return Drawing(figure, f"Measured and {word}", caption, f"Two curves over time, and their difference. {caption}")
-
-
-def _factor(size: float, unit: str) -> tuple[float, str]:
-    """Volts with a prefix; a sensor's own unit as it is."""
-    factor, prefix = prefix_for(size) if unit == "V" else (1.0, "")
-    return factor, prefix + unit

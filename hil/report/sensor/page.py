@@ -30,7 +30,6 @@ def write_report(run: Path) -> Path:
 
 
 def render(material: SensorMaterial) -> str:
-    """The page as text."""
     figures = Figures()
     result = material.result
     remarks = "".join(markup.paragraph(markup.sentence(remark)) for remark in (*result.reasons, *result.remarks))
@@ -187,7 +186,6 @@ def checks(material: SensorMaterial) -> list[Check]:
 
 
 def checks_table(material: SensorMaterial) -> str:
-    """The checks as a table."""
     rows = [(check.what, check.found, check.limit, _word(check.kept)) for check in checks(material)]
     return table("What the record was checked for", ("check", "found", "limit", "kept"), rows)
 

@@ -29,8 +29,6 @@ from hil.wire.sense import SenseRow
 
 
 class ForceLoop(Loop):
-    """One run in force mode."""
-
     DRIVE = DriveForce
     MODE = Mode.FORCE
 

@@ -202,7 +202,6 @@ class Loop(ABC):
 
     @property
     def safety(self) -> Safety:
-        """What there is to say of the board's stops."""
         return self.board.safety
 
     @property

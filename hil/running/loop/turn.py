@@ -140,7 +140,6 @@ class Turn:
         self.seen: Callable[[list[SenseRow]], None] = _unheard
 
     def __getstate__(self) -> dict[str, Any]:
-        """All but what holds an address."""
         return {**self.__dict__, "_bound": None, "_own": None}
 
     def run(self) -> Why:

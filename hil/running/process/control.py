@@ -50,7 +50,6 @@ class Control:
             self._socket.send(json.dumps(message).encode())
 
     def close(self) -> None:
-        """Nothing more is told or asked."""
         self._socket.close()
 
     def asked(self) -> Iterator[dict[str, Any]]:

@@ -31,7 +31,6 @@ class Settings(BaseModel):
 
     @property
     def given(self) -> dict[str, float]:
-        """What is asked for."""
         return {name: value for name, value in self.model_dump().items() if value is not None}
 
 

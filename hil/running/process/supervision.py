@@ -55,7 +55,6 @@ class Ended:
 
     @property
     def safety(self) -> dict[str, Any]:
-        """Part of the outcome."""
         safety: dict[str, Any] = self.outcome["safety"]
         return safety
 

@@ -74,7 +74,6 @@ class Order:
 
     @property
     def line(self) -> bytes:
-        """What `read` reads."""
         return json.dumps({**vars(self), "request": self.request.as_json()}).encode() + b"\n"
 
 
@@ -465,7 +464,6 @@ def _kinds(error: BaseException) -> list[str]:
 
 
 def main() -> int:
-    """Get ready, read the order, carry it out, report."""
     realtime.end_with_parent()
     realtime.keep_line()
     for module in _NEEDED:

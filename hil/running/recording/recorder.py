@@ -90,7 +90,6 @@ class Recording:
 
     @property
     def dropped(self) -> dict[str, int]:
-        """Rows dropped so far, per file."""
         return {stem: track.dropped for stem, track in self.tracks.items()}
 
     def __enter__(self) -> Self:
@@ -225,7 +224,6 @@ class _Watch:
         return ""
 
     def close(self) -> None:
-        """Nobody watches any more."""
         for file in self._kernel.values():
             if file is not None:
                 file.close()

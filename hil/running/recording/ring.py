@@ -163,7 +163,6 @@ class Ring:
 
     @property
     def read(self) -> int:
-        """Rows that the consumer has taken out so far."""
         return int(self._words[_READ // 8])
 
     @property
@@ -173,7 +172,6 @@ class Ring:
 
     @property
     def closed(self) -> bool:
-        """True once the producer has said that it is done."""
         return bool(self._words[_CLOSED // 8])
 
     def finish(self) -> None:
@@ -186,7 +184,6 @@ class Ring:
         self.path.unlink(missing_ok=True)
 
     def detach(self) -> None:
-        """Unmap the memory in this process."""
         if not self._memory.closed:
             self._dropped = self.dropped
             self._words.release()
@@ -262,11 +259,9 @@ class Onlooker:
 
     @property
     def finished(self) -> bool:
-        """True once the producer has said that it is done."""
         return bool(self._words[_CLOSED // 8])
 
     def close(self) -> None:
-        """Look no more."""
         self._words.release()
         del self._rows
         self._memory.close()

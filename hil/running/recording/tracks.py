@@ -200,7 +200,6 @@ def put_covariance(track: Track, tick: int, covariance: NDArray[np.float64]) -> 
 
 
 def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as JSON values."""
     return {
         key: _plain(value) if isinstance(value, dict) else getattr(value, "value", value)
         for key, value in table.items()

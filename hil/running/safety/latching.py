@@ -66,7 +66,6 @@ class Safety:
 
     @property
     def told(self) -> dict[str, Any]:
-        """As JSON values."""
         return asdict(self)
 
     @property

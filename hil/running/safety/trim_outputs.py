@@ -28,11 +28,9 @@ class Output(NamedTuple):
 
     @property
     def register(self) -> str:
-        """Its register by name."""
         return f"TRIM_{self.told.output}"
 
     def code(self, volts: float) -> int:
-        """The nearest code, within the range."""
         return int(min(max(round(volts / self.told.scale_V), self.told.lowest), self.told.highest))
 
 
