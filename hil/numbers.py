@@ -17,6 +17,11 @@ PREFIXED = ("V", "rad", "rad/s")
 _SPACE = "\u00a0"
 
 
+def finite(value: float | None) -> float | None:
+    """The number as JSON has it: None where it is not finite."""
+    return float(value) if value is not None and math.isfinite(value) else None
+
+
 def prefix_for(size: float, most: int = 9) -> tuple[float, str]:
     """Factor and SI prefix that bring `size` between 1 and 1000; the prefix is 10^`most` at most.
 

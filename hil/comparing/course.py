@@ -17,7 +17,7 @@ from hil.bench import Bench
 from hil.errors import InputError
 from hil.inputs.captured import Samples, at_rest, control_of, drives_of, samples_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
-from hil.numbers import COVERAGE
+from hil.numbers import COVERAGE, finite
 from hil.progress import alarms_only
 from hil.records.capture import Capture, trims_beside
 from hil.records.methods import MethodKind, MethodRow
@@ -123,21 +123,21 @@ class Judge:
             name=course.name,
             kind=course.kind,
             record="its own" if course.own_record else "this",
-            angle_rad=_finite(course.angle[scored][-1] - course.angle[scored][0]),
-            angle_u_rad=None if course.angle_u is None else _finite(course.angle_u),
-            angle_expanded_rad=None if course.angle_u is None else _finite(COVERAGE * course.angle_u),
-            rate_expanded_rad_s=None if course.rate_sd is None else _finite(COVERAGE * _rms(course.rate_sd[scored])),
+            angle_rad=finite(course.angle[scored][-1] - course.angle[scored][0]),
+            angle_u_rad=None if course.angle_u is None else finite(course.angle_u),
+            angle_expanded_rad=None if course.angle_u is None else finite(COVERAGE * course.angle_u),
+            rate_expanded_rad_s=None if course.rate_sd is None else finite(COVERAGE * _rms(course.rate_sd[scored])),
             stiffness_expanded=self._deviation(course, STIFFNESS, self._k),
             cost_us=course.cost_us,
             remark=course.remark,
         )
         lost_s = None if course.lost_tick is None else course.lost_tick / self.rate_Hz
         if reference is None:
-            return row.model_copy(update={"diverged_s": self._not_finite(course) if lost_s is None else lost_s})
+            return row.model_copy(update={"diverged_s": self._notfinite(course) if lost_s is None else lost_s})
         _, error = self.error(course, reference)
         settled = _last(~(np.abs(error - np.mean(error[scored])) <= _SETTLED_RAD))
         off = _last(~(np.abs(error) > 0.5 * np.pi))
-        away = [lost_s, self._not_finite(course)]
+        away = [lost_s, self._notfinite(course)]
         if off < len(error):
             away.append(float(seconds[off]))
         found = [moment for moment in away if moment is not None]
@@ -145,11 +145,11 @@ class Judge:
         mean = 0.5 * (damping["dxx"] + damping["dyy"]) if damping else None
         return row.model_copy(
             update={
-                "angle_error_rms_rad": _finite(_rms(error[scored])),
-                "angle_error_max_rad": _finite(np.max(np.abs(error[scored]))),
+                "angle_error_rms_rad": finite(_rms(error[scored])),
+                "angle_error_max_rad": finite(np.max(np.abs(error[scored]))),
                 "rate_error_rms_rad_s": None
                 if course.rate is None
-                else _finite(_rms((course.rate - reference.at(course.tick)[1])[scored])),
+                else finite(_rms((course.rate - reference.at(course.tick)[1])[scored])),
                 "stiffness_error": _parameter_error(course, reference, STIFFNESS, self._k),
                 "damping_error": _parameter_error(course, reference, DAMPING, mean),
                 "damping_expanded": self._deviation(course, DAMPING, mean),
@@ -162,14 +162,14 @@ class Judge:
         first = int(np.searchsorted(tick / self.rate_Hz, self.from_s))
         return np.asarray(values - values[min(first, len(values) - 1)])
 
-    def _not_finite(self, course: MethodCourse) -> float | None:
+    def _notfinite(self, course: MethodCourse) -> float | None:
         wrong = np.flatnonzero(~np.isfinite(course.angle))
         return float(course.tick[wrong[0]] / self.rate_Hz) if wrong.size else None
 
     @staticmethod
     def _deviation(course: MethodCourse, names: tuple[str, ...], unit: float | None) -> float | None:
         found = [course.deviations[name] for name in names if name in course.deviations]
-        return _finite(COVERAGE * _rms(np.array(found)) / unit) if found and unit else None
+        return finite(COVERAGE * _rms(np.array(found)) / unit) if found and unit else None
 
 
 def _parameter_error(
@@ -178,7 +178,7 @@ def _parameter_error(
     known = [name for name in names if name in course.parameters and name in reference.parameters]
     if not known or not unit:
         return None
-    return _finite(_rms(np.array([course.parameters[n] - reference.parameters[n] for n in known])) / unit)
+    return finite(_rms(np.array([course.parameters[n] - reference.parameters[n] for n in known])) / unit)
 
 
 def _last(bad: npt.NDArray[np.bool_]) -> int:
@@ -190,10 +190,6 @@ def _last(bad: npt.NDArray[np.bool_]) -> int:
 def _rms(values: Floats) -> float:
     with np.errstate(all="ignore"):
         return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _finite(value: float | np.floating) -> float | None:
-    return float(value) if np.isfinite(value) else None
 
 
 @dataclass(frozen=True)

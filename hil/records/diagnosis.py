@@ -1,6 +1,5 @@
 """`diagnosis.json`: what a trace came to. Its JSON Schema is published in docs/reference/diagnosis.schema.json."""
 
-import math
 from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, Any, Literal
@@ -10,6 +9,7 @@ from pydantic import Field, model_validator
 
 from estimator import diagnosis as traced
 from estimator.thresholds import THRESHOLDS, values
+from hil.numbers import finite
 from hil.records import json_file
 
 NonNegative = Annotated[float, Field(ge=0)]
@@ -331,7 +331,7 @@ def _fields(found: Any, model: type[json_file.Strict], renamed: Mapping[str, str
 def _written(value: Any) -> Any:
     """A part of the engine's answer; of a number that is not finite None."""
     if isinstance(value, float):
-        return _finite(value)
+        return finite(value)
     if isinstance(value, traced.Verdict):
         return value.value
     if isinstance(value, traced.Interval):
@@ -349,26 +349,22 @@ def _written(value: Any) -> Any:
 
 def coefficient(interval: traced.Interval) -> Coefficient:
     return Coefficient(
-        value=_finite(interval.value), ci95=(_finite(interval.low), _finite(interval.high)), unit=interval.unit
+        value=finite(interval.value), ci95=(finite(interval.low), finite(interval.high)), unit=interval.unit
     )
 
 
 def _fit(fit: traced.Fit) -> Fit:
     return Fit(
-        innovation_rms=_finite(float(np.sqrt(np.mean(np.square(fit.innovation_rms))))),
-        noise_floor=_finite(float(np.sqrt(np.mean(np.square(fit.noise_floor))))),
-        ratio=_finite(fit.ratio),
-        whiteness_p=_finite(fit.whiteness_p),
-        simulation_rmse=_finite(fit.simulation_rmse),
-        angle_error_rms_rad=_finite(fit.angle_error_rms),
-        rate_error_rms_rad_s=_finite(fit.rate_error_rms),
+        innovation_rms=finite(float(np.sqrt(np.mean(np.square(fit.innovation_rms))))),
+        noise_floor=finite(float(np.sqrt(np.mean(np.square(fit.noise_floor))))),
+        ratio=finite(fit.ratio),
+        whiteness_p=finite(fit.whiteness_p),
+        simulation_rmse=finite(fit.simulation_rmse),
+        angle_error_rms_rad=finite(fit.angle_error_rms),
+        rate_error_rms_rad_s=finite(fit.rate_error_rms),
         axes=tuple(
-            Channel(innovation_rms=_finite(rms), noise_floor=_finite(floor))
+            Channel(innovation_rms=finite(rms), noise_floor=finite(floor))
             for rms, floor in zip(fit.innovation_rms, fit.noise_floor, strict=True)
         ),
         floor_from=fit.floor_from,
     )
-
-
-def _finite(value: float | None) -> float | None:
-    return None if value is None or not math.isfinite(value) else float(value)

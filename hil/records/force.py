@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from estimator.missing_force.result import Form, FormTerm, MissingForce
 from hil.errors import InputError
-from hil.numbers import with_and
+from hil.numbers import finite, with_and
 from hil.records import diagnosis as written
 from hil.records.atomic import replacing
 from hil.wire.regular_file import require_regular
@@ -75,11 +75,11 @@ def to_model(force: MissingForce) -> written.MissingForce:
     return written.MissingForce(
         form=tuple(_term(term) for term in form.terms),
         text=said(form),
-        rms_mps2=_finite(rms),
-        deviation_mps2=_finite(float(np.sqrt(np.mean(force.deviation**2)))),
-        left=_finite(form.left),
-        innovation_before=_finite(form.before),
-        innovation_after=_finite(form.after),
+        rms_mps2=finite(rms),
+        deviation_mps2=finite(float(np.sqrt(np.mean(force.deviation**2)))),
+        left=finite(form.left),
+        innovation_before=finite(form.before),
+        innovation_after=finite(form.after),
         first=force.first,
         samples=len(force.time),
     )
@@ -117,7 +117,3 @@ def _term(term: FormTerm) -> written.FormTerm:
         laws=dict(term.laws),
         effect=term.effect,
     )
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

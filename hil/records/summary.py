@@ -15,7 +15,7 @@ from collections.abc import Collection, Iterable, Mapping
 import numpy as np
 import numpy.typing as npt
 
-from hil.numbers import SD_95
+from hil.numbers import SD_95, finite
 from hil.records.capture import TIME_LOCKSTEP, Capture, RowFlag
 from hil.records.clock import ClockRecord
 from hil.records.estimates import Estimates, Innovation, steady, usual_sd_V
@@ -411,7 +411,7 @@ def on_board(folder: RunFolder) -> OnBoard | None:
     return found.model_copy(
         update={
             "angle_difference_rms_rad": None if angle is None else _rms(angle - angle[0]),
-            "angle_difference_end_rad": None if angle is None else _finite(abs(angle[-1] - angle[0])),
+            "angle_difference_end_rad": None if angle is None else finite(abs(angle[-1] - angle[0])),
             "rate_difference_rms_rad_s": None if rate is None else _rms(rate),
         }
     )
@@ -426,8 +426,4 @@ def _difference(
 
 
 def _rms(values: np.ndarray) -> float | None:
-    return _finite(float(np.sqrt(np.mean(np.square(values)))))
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
+    return finite(float(np.sqrt(np.mean(np.square(values)))))

@@ -12,6 +12,7 @@ import socket
 import threading
 import time
 from collections.abc import Iterable
+from concurrent.futures import Future, wait
 from typing import Any
 
 import can
@@ -195,49 +196,38 @@ def _opened(name: str, link: CanAdapter) -> can.BusABC:
         extra["protocol"] = can.CanProtocol.CAN_FD
     else:
         extra["fd"] = True
-    opening = _BusOpening({"channel": link.channel, "interface": link.interface, "ignore_config": True, **extra})
     try:
-        return opening.bus_within(OPEN_S)
+        return _bus_within(
+            OPEN_S, {"channel": link.channel, "interface": link.interface, "ignore_config": True, **extra}
+        )
     except TimeoutError:
         raise LinkError(f"{name}: not open within {OPEN_S:g} s; does whatever serves the adapter answer?") from None
     except _REFUSALS as error:
         raise LinkError(f"{name}: {_line(error)}; is its driver installed, the adapter plugged in?") from None
 
 
-class _BusOpening:
-    """A bus that is opened by a thread: a driver, or a server that says nothing, may never come to an end."""
+def _bus_within(limit_s: float, how: dict[str, Any]) -> can.BusABC:
+    """A bus that is opened by a thread: a driver, or a server that says nothing, may never come to an end. Raises
+    TimeoutError, and what refuses it."""
+    opened: Future[can.BusABC] = Future()
 
-    def __init__(self, how: dict[str, Any]) -> None:
-        self._how = how
-        self._lock = threading.Lock()
-        self._bus: can.BusABC | None = None
-        self._error: Exception | None = None
-        self._left = False
-        self._thread = threading.Thread(target=self._open, name="can.Bus", daemon=True)
-        self._thread.start()
-
-    def bus_within(self, limit_s: float) -> can.BusABC:
-        """The bus. Raises TimeoutError, and what refuses it."""
-        self._thread.join(limit_s)
-        with self._lock:
-            self._left = True
-            if self._error is not None:
-                raise self._error
-            if self._bus is None:
-                raise TimeoutError
-            return self._bus
-
-    def _open(self) -> None:
+    def open_it() -> None:
         try:
-            bus = can.Bus(**self._how)
+            bus = can.Bus(**how)
         except Exception as error:  # noqa: BLE001 - of a thread: raised where it is waited for
-            self._error = error
+            if opened.set_running_or_notify_cancel():
+                opened.set_exception(error)
             return
-        with self._lock:
-            if not self._left:
-                self._bus = bus
-                return
-        bus.shutdown()  # too late
+        if opened.set_running_or_notify_cancel():
+            opened.set_result(bus)
+        else:
+            bus.shutdown()  # too late
+
+    threading.Thread(target=open_it, name="can.Bus", daemon=True).start()
+    wait([opened], limit_s)
+    if opened.cancel():
+        raise TimeoutError
+    return opened.result()
 
 
 def message_of(record: bytes) -> can.Message:

@@ -80,8 +80,6 @@ class CanDecoder:
         unfinished: type and seq of the message whose parts are being joined, None for none; `joined` are those so far.
     """
 
-    __slots__ = ("_rest", "_types", "broken", "bytes", "frames", "joined", "malformed", "unfinished")
-
     def __init__(self, node: int, sender: Sender) -> None:
         self._types = {CAN.identifier(type_, node, sender): type_ for type_ in range(1 << 11 - CAN.type_shift)}
         del self._types[CAN.identifier(_BRIEF, node, sender)]

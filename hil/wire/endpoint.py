@@ -47,11 +47,6 @@ class Endpoint:
         rows_kept: whether samples were kept, which `receive_rows` would return at once.
     """
 
-    __slots__ = (
-        "_inbox", "answers", "exchanges", "forgotten", "link", "received_ns", "refusals", "rows_kept", "rx", "sent_ns",
-        "tx", "unsent",
-    )  # fmt: skip
-
     def __init__(self, link: Link) -> None:
         self.link = link
         self.rx = Receiver(link.format)

@@ -71,18 +71,6 @@ class Decoder:
         skipping: whether everything up to the next delimiter is to be dropped.
     """
 
-    __slots__ = (
-        "bytes",
-        "cobs_errors",
-        "crc_errors",
-        "dropped_bytes",
-        "frames",
-        "oversize",
-        "rest",
-        "short",
-        "skipping",
-    )
-
     def __init__(self) -> None:
         self.rest = b""
         self.skipping = False

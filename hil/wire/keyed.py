@@ -161,8 +161,6 @@ def tagged(key: bytes, datagram: bytes) -> bytes | None:
 class Outgoing:
     """One direction of a session, at its sender. `counter` is that of the next frame."""
 
-    __slots__ = ("_state", "counter")
-
     def __init__(self, key: bytes) -> None:
         self._state = blake2s(key=key, digest_size=TAG_SIZE)  # has the key's block behind it already
         self.counter = 0
@@ -186,8 +184,6 @@ class Incoming:
         forged: datagrams whose tag was another, or that were cut short.
         replayed: datagrams whose counter was not newer.
     """
-
-    __slots__ = ("_state", "forged", "least", "replayed")
 
     def __init__(self, key: bytes) -> None:
         self._state = blake2s(key=key, digest_size=TAG_SIZE)

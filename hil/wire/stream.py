@@ -53,8 +53,6 @@ class Transmitter:
         types: of the last frame of each number, 0 where there was none: what a NACK may be about.
     """
 
-    __slots__ = ("_format", "seq", "types")
-
     def __init__(self, form: FrameFormat = SERIAL) -> None:
         self._format = form
         self.seq = 0
@@ -90,11 +88,6 @@ class Receiver:
         passed_over: optional messages that this end does not know, or does not take.
         refused: the NACK for each undecodable or foreign frame of the last `feed`, for a board to send.
     """
-
-    __slots__ = (
-        "_foreign", "decoder", "expected", "lost", "passed_over", "refused", "repeated", "run", "run_next", "tick",
-        "undecodable",
-    )  # fmt: skip
 
     def __init__(self, form: FrameFormat = SERIAL, foreign: frozenset[int] = frozenset()) -> None:
         self.decoder = form.decoder()

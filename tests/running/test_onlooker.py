@@ -61,7 +61,7 @@ def test_it_sees_what_the_reader_sees_and_takes_nothing_from_it(ring: Ring) -> N
     assert len(look.look(1000)) == 0
     np.testing.assert_array_equal(ring.pop(), rows(0, 400))
     assert ring.dropped == 0
-    look.close()
+    look.detach()
 
 
 def test_what_is_too_old_is_counted(ring: Ring) -> None:
@@ -83,7 +83,7 @@ def test_it_can_only_look(ring: Ring) -> None:
     look = onlooker_of(ring)
     with pytest.raises((TypeError, ValueError)):
         look._memory[0:1] = b"x"
-    look.close()
+    look.detach()
 
 
 @pytest.mark.long
@@ -105,7 +105,7 @@ def test_rows_are_whole_beside_a_producer_that_never_stops(ring: Ring) -> None:
                 break
         assert producer.stdout is not None
         written = int(producer.stdout.read())
-    assert look.finished
+    assert look.closed
     assert seen + look.lost == written
     assert seen > 0
-    look.close()
+    look.detach()

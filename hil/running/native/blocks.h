@@ -16,7 +16,7 @@ static bool is_odd(turn_t *turn, const row_t *rows, int64_t count, int64_t last)
         return false;
     if (turn->mode == MODE_BOARD)
         return drives_unbidden(turn->permit, rows, count);
-    return matrices_named_(turn->gains->matrices, rows->matrix, rows->tick, last) != MATRIX_FINE;
+    return matrices_named(turn->gains->matrices, rows->matrix, rows->tick, last) != MATRIX_FINE;
 }
 
 /* Have the observer take the samples, and keep the estimates that are to be recorded: a link that cuts blocks into

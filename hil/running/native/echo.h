@@ -6,13 +6,13 @@
 #include "structs.h"
 
 /* The board was armed again: nothing is due until it runs. */
-static void echo_forget_(echo_t *echo)
+EXPORT void echo_forget(echo_t *echo)
 {
     echo->due = echo->last = NONE;
     echo->odd = ODD_NOTHING;
 }
 
-static void echo_sent_(echo_t *echo, int32_t ux, int32_t uy, int64_t effective_tick)
+EXPORT void echo_sent(echo_t *echo, int32_t ux, int32_t uy, int64_t effective_tick)
 {
     echo->sent[effective_tick & (SENT - 1)] = (drive_t){effective_tick, {ux, uy}};
 }

@@ -27,7 +27,7 @@ static int answer(turn_t *turn, int64_t tick, const double codes[2], int64_t est
     if (why != TURN_DONE)
         return why;
     put_timing(turn, (const int64_t[4]){tick, turn->received_ns, estimated_ns, turn->sent_ns}, 4);
-    echo_sent_(turn->echo, drive.ux, drive.uy, tick + turn->latency);
+    echo_sent(turn->echo, drive.ux, drive.uy, tick + turn->latency);
     return TURN_DONE;
 }
 

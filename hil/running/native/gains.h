@@ -19,7 +19,7 @@ static void close_oldest(turn_t *turn, int64_t applied)
 }
 
 /* The effect of what was sent will not be seen any more. */
-static void leave_open(turn_t *turn)
+EXPORT void turn_leave_open(turn_t *turn)
 {
     while (turn->gains->count > 0)
         close_oldest(turn, -1);
@@ -84,7 +84,7 @@ static int answer_gains(turn_t *turn, int64_t last, int64_t estimated_ns)
     int why = send_answer(turn, HIL_TYPE_DRIVE_GAINS, payload, sizeof payload);
     if (why != TURN_DONE)
         return why;
-    matrices_sent_(gains->matrices, effective);
+    matrices_sent(gains->matrices, effective);
     gains->tell(gains->board, gains->gain, gains->bias, effective);
     if (gains->count == LATER)
         close_oldest(turn, -1);

@@ -15,13 +15,13 @@ static int64_t next_name(const matrices_t *matrices)
 }
 
 /* The next one has left; there is room for it. */
-static void matrices_sent_(matrices_t *matrices, int64_t effective_tick)
+EXPORT void matrices_sent(matrices_t *matrices, int64_t effective_tick)
 {
     matrices->effective[matrices->count++] = effective_tick;
 }
 
 /* The board was armed again: it has forgotten what was sent before. */
-static void matrices_forget_(matrices_t *matrices)
+EXPORT void matrices_forget(matrices_t *matrices)
 {
     matrices->armed = matrices->count;
     matrices->in_force = NONE;
@@ -31,7 +31,7 @@ static void matrices_forget_(matrices_t *matrices)
 /* SENSE with rows from tick `first` to `last` names a matrix; what is wrong with one a block before. The block in which
    a board stops by itself names none, and STATUS may come after it: so what cannot be is held against the board only
    with the next block. */
-static int64_t matrices_named_(matrices_t *matrices, int64_t name, int64_t first, int64_t last)
+EXPORT int64_t matrices_named(matrices_t *matrices, int64_t name, int64_t first, int64_t last)
 {
     if (matrices->odd != MATRIX_FINE)
         return last >= matrices->odd_tick + matrices->block ? matrices->odd : MATRIX_FINE;

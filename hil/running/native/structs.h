@@ -11,6 +11,8 @@
 
 #include "../../../firmware/src/hil_frame.h" /* the wire, generated from its spec */
 
+#define EXPORT __attribute__((visibility("default"))) /* Python calls it, too */
+
 #define READ_SIZE 4096 /* bytes taken in one read at most */
 #define REST_SIZE ((HIL_MAX_ENCODED + READ_SIZE + 7u) / 8u * 8u)
 #define NONE INT64_MIN /* in place of a tick */

@@ -7,8 +7,6 @@
 #include "blocks.h"
 #include "force.h"
 
-#define EXPORT __attribute__((visibility("default")))
-
 /* Sizes of the structures, for Python to compare. */
 EXPORT void turn_sizes(int64_t sizes[10])
 {
@@ -48,12 +46,6 @@ EXPORT int turn_run(turn_t *turn)
     }
 }
 
-/* Close the accounts of all matrices whose effect nobody will see. */
-EXPORT void turn_leave_open(turn_t *turn)
-{
-    leave_open(turn);
-}
-
 /* Take `size` bytes, whole records with `can`; how many of them found room in the batch. */
 EXPORT int64_t turn_feed(receiver_t *rx, can_t *can, batch_t *batch, const uint8_t *data, int64_t size)
 {
@@ -69,33 +61,8 @@ EXPORT int64_t turn_feed(receiver_t *rx, can_t *can, batch_t *batch, const uint8
     return taken;
 }
 
-EXPORT void echo_forget(echo_t *echo)
-{
-    echo_forget_(echo);
-}
-
-EXPORT void echo_sent(echo_t *echo, int32_t ux, int32_t uy, int64_t effective_tick)
-{
-    echo_sent_(echo, ux, uy, effective_tick);
-}
-
 EXPORT int64_t echo_saw(echo_t *echo, int64_t tick, int32_t ux, int32_t uy, int32_t flags)
 {
     int32_t u[2] = {ux, uy};
     return echo_saw_(echo, tick, u, flags);
-}
-
-EXPORT void matrices_forget(matrices_t *matrices)
-{
-    matrices_forget_(matrices);
-}
-
-EXPORT void matrices_sent(matrices_t *matrices, int64_t effective_tick)
-{
-    matrices_sent_(matrices, effective_tick);
-}
-
-EXPORT int64_t matrices_named(matrices_t *matrices, int64_t name, int64_t first, int64_t last)
-{
-    return matrices_named_(matrices, name, first, last);
 }

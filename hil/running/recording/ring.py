@@ -41,7 +41,53 @@ class Lent(NamedTuple):
     head: int
 
 
-class Ring:
+class _Mapped:
+    """A ring as it lies in memory that is mapped here."""
+
+    def __init__(self, memory: mmap.mmap, path: Path | str = "") -> None:
+        magic, capacity, offset, length = _PREFIX.unpack_from(memory)
+        if magic != _MAGIC:
+            raise ValueError(f"{path}: not a ring" if path else "not a ring")
+        names_and_types = json.loads(memory[_DTYPE : _DTYPE + length])
+        self.dtype: np.dtype[np.void] = np.dtype([tuple(entry) for entry in names_and_types])
+        self.capacity: int = capacity
+        self._memory = memory
+        self._offset: int = offset
+        # as bytes: NumPy copies rows of a packed dtype field by field
+        flat = np.frombuffer(memory, np.uint8, capacity * self.dtype.itemsize, offset)
+        self._rows: npt.NDArray[np.uint8] = flat.reshape(capacity, self.dtype.itemsize)
+        self._words = memoryview(memory)[:_DTYPE].cast("q")
+        self._fence = threading.Lock()
+        self._fence.acquire()
+
+    @property
+    def closed(self) -> bool:
+        """True once the producer has said that it is done."""
+        return bool(self._words[_CLOSED // 8])
+
+    def detach(self) -> None:
+        """Unmap the memory in this process."""
+        if not self._memory.closed:
+            self._words.release()
+            del self._rows
+            self._memory.close()
+
+    def _copied(self, begin: int, end: int) -> npt.NDArray[np.void]:
+        """Rows [begin, end) of all that were written, in order."""
+        at, count = begin % self.capacity, end - begin
+        first = min(count, self.capacity - at)
+        self._order()
+        rows = np.concatenate([self._rows[at : at + first], self._rows[: count - first]]).reshape(-1).view(self.dtype)
+        self._order()
+        return rows
+
+    def _order(self) -> None:
+        # A lock given back and taken again is the one memory fence Python has: x86 needs none, ARM does.
+        self._fence.release()
+        self._fence.acquire()
+
+
+class Ring(_Mapped):
     """Single-producer single-consumer ring of rows of one packed structured dtype.
 
     Make it with `create` (producer or its parent) and open it elsewhere with `attach`. In real time the
@@ -52,25 +98,12 @@ class Ring:
     while_full: Callable[[], bool] | None = None
 
     def __init__(self, path: Path, memory: mmap.mmap) -> None:
-        magic, capacity, offset, length = _PREFIX.unpack_from(memory)
-        if magic != _MAGIC:
-            raise ValueError(f"{path}: not a ring")
-        names_and_types = json.loads(memory[_DTYPE : _DTYPE + length])
+        super().__init__(memory, path)
         self.path = path
-        self.dtype: np.dtype[np.void] = np.dtype([(name, code) for name, code in names_and_types])
-        self.capacity: int = capacity
-        self._memory = memory
-        self._offset: int = offset
         self._row = row_struct(self.dtype)
-        # as bytes: NumPy copies rows of a packed dtype field by field
-        flat = np.frombuffer(memory, np.uint8, capacity * self.dtype.itemsize, offset)
-        self._rows: npt.NDArray[np.uint8] = flat.reshape(capacity, self.dtype.itemsize)
-        self._words = memoryview(memory)[:_DTYPE].cast("q")
         self._head: int = self._words[_WRITTEN // 8]
         self._tail: int = self._words[_READ // 8]
         self._dropped = 0
-        self._fence = threading.Lock()
-        self._fence.acquire()
 
     @classmethod
     def create(cls, name: str, dtype: np.dtype[np.void], capacity: int) -> Self:
@@ -147,11 +180,7 @@ class Ring:
     def pop(self) -> npt.NDArray[np.void]:
         """Take out all rows there are, as a copy in order; empty when there are none."""
         written: int = self._words[_WRITTEN // 8]
-        self._order()
-        at, count = self._tail % self.capacity, written - self._tail
-        first = min(count, self.capacity - at)
-        rows = np.concatenate([self._rows[at : at + first], self._rows[: count - first]]).reshape(-1).view(self.dtype)
-        self._order()
+        rows = self._copied(self._tail, written)
         self._tail = written
         self._words[_READ // 8] = written
         return rows
@@ -170,10 +199,6 @@ class Ring:
         """Rows that the consumer has not taken out yet."""
         return int(self._words[_WRITTEN // 8]) - self.read
 
-    @property
-    def closed(self) -> bool:
-        return bool(self._words[_CLOSED // 8])
-
     def finish(self) -> None:
         """Say that no more rows will come; the consumer can tell this from a producer that was killed."""
         self._order()
@@ -184,11 +209,10 @@ class Ring:
         self.path.unlink(missing_ok=True)
 
     def detach(self) -> None:
+        """Unmap the memory in this process."""
         if not self._memory.closed:
             self._dropped = self.dropped
-            self._words.release()
-            del self._rows
-            self._memory.close()
+        super().detach()
 
     def room(self) -> int:
         """Free rows; when there are none, wait for some as long as `while_full` says so."""
@@ -204,11 +228,6 @@ class Ring:
         self._head = head
         self._words[_WRITTEN // 8] = head
 
-    def _order(self) -> None:
-        # A lock given back and taken again is the one memory fence Python has: x86 needs none, ARM does.
-        self._fence.release()
-        self._fence.acquire()
-
     def __enter__(self) -> Self:
         return self
 
@@ -216,7 +235,7 @@ class Ring:
         self.detach()
 
 
-class Onlooker:
+class Onlooker(_Mapped):
     """One more reader of a ring, unknown to both sides: it only reads, and what it is too late for is gone.
 
     `descriptor` may be open for reading only; it is not kept.  A row is given once, whole, or counted as lost: what the
@@ -224,51 +243,22 @@ class Onlooker:
     """
 
     def __init__(self, descriptor: int) -> None:
-        memory = mmap.mmap(descriptor, 0, prot=mmap.PROT_READ)
-        magic, capacity, offset, length = _PREFIX.unpack_from(memory)
-        if magic != _MAGIC:
-            raise ValueError("not a ring")
-        self.dtype: np.dtype[np.void] = np.dtype(
-            [tuple(entry) for entry in json.loads(memory[_DTYPE : _DTYPE + length])]
-        )
-        self.capacity: int = capacity
+        super().__init__(mmap.mmap(descriptor, 0, prot=mmap.PROT_READ))
         self.lost = 0
-        self._memory = memory
-        self._words = memoryview(memory)[:_DTYPE].cast("q")
-        self._rows = np.frombuffer(memory, self.dtype, capacity, offset)
-        self._unsafe = min(_BEING_WRITTEN, capacity // 4)
+        self._unsafe = min(_BEING_WRITTEN, self.capacity // 4)
         self._at: int = self._words[_WRITTEN // 8]
-        self._fence = threading.Lock()
-        self._fence.acquire()
 
     def look(self, at_most: int) -> npt.NDArray[np.void]:
         """The rows that were written since the last look, in order, a copy; the oldest beyond `at_most` are lost."""
         written = int(self._words[_WRITTEN // 8])
-        self._order()
         begin = max(self._at, written - min(at_most, self.capacity - self._unsafe))
-        at, count = begin % self.capacity, written - begin
-        first = min(count, self.capacity - at)
-        rows = np.concatenate([self._rows[at : at + first], self._rows[: count - first]])
-        self._order()
+        rows = self._copied(begin, written)
         overwritten = int(self._words[_WRITTEN // 8]) + self._unsafe - self.capacity - begin
         if overwritten > 0:
             rows, begin = rows[overwritten:], min(begin + overwritten, written)
         self.lost += begin - self._at
         self._at = written
         return rows
-
-    @property
-    def finished(self) -> bool:
-        return bool(self._words[_CLOSED // 8])
-
-    def close(self) -> None:
-        self._words.release()
-        del self._rows
-        self._memory.close()
-
-    def _order(self) -> None:
-        self._fence.release()
-        self._fence.acquire()
 
 
 def _directory() -> Path:

@@ -88,7 +88,7 @@ class Track:
 
     def close(self) -> None:
         """Look no more."""
-        self._onlooker.close()
+        self._onlooker.detach()
 
 
 class Tracks:
