@@ -45,12 +45,6 @@ class Stretches(NamedTuple):
     def size(self) -> int:
         return int(self.number.size)
 
-    def part(self, start: int, stop: int | None) -> "Stretches":
-        """Some of them, by the rules of slices."""
-        rows = slice(start, stop)
-        low, high = ({name: values[rows] for name, values in side.items()} for side in (self.low, self.high))
-        return Stretches(self.number[rows], low, high)
-
 
 def drawn(layout_columns: Mapping[str, Any]) -> list[str]:
     """The columns of a record that are drawn over time."""
@@ -91,9 +85,9 @@ class Pyramid:
         self._every = int(layout.header.get("every", 1))
         self._names = drawn({column.name: None for column in layout.columns})
         self._layouts = [_level_layout(layout, self._names, width * self._every) for width in WIDTHS]
-        self._gathered: list[npt.NDArray[np.void]] = []
-        self._count = self._rows = 0
-        self._levels = [_Level(), _Level()]
+        self._gathered: list[npt.NDArray[np.void]] = []  # with those of the coarsest stretch at hand
+        self._fresh = self._rows = 0  # not looked at; in whole stretches
+        self._done: tuple[list[Stretches], ...] = tuple([] for _ in WIDTHS)  # and not written
         self._writers: list[BlockWriter] = []
         self._failed = False
         self._guarded(self._clear)
@@ -103,8 +97,8 @@ class Pyramid:
         if not rows.size or self._failed:
             return
         self._gathered.append(rows)
-        self._count += rows.size
-        if self._count >= _GATHERED:
+        self._fresh += rows.size
+        if self._fresh >= _GATHERED:
             self._guarded(self._look)
 
     def close(self) -> None:
@@ -134,66 +128,42 @@ class Pyramid:
         with suppress(OSError):  # not there, or of other records too
             self._folder.rmdir()
 
-    def _look(self) -> None:
-        rows = self._gathered[0] if len(self._gathered) == 1 else np.concatenate(self._gathered)
-        self._gathered, self._rows, self._count = [], self._rows + self._count, 0
-        columns = {name: np.ascontiguousarray(rows[name]) for name in self._names}
-        self._add(Stretches(rows["tick"].astype(np.int64), columns, columns))
-
-    def _add(self, found: Stretches, *, last: bool = False) -> None:
-        ratio = WIDTHS[0] * self._every
-        for depth, level in enumerate(self._levels):
-            found = level.whole(folded(found, ratio), last=last)
-            if depth + 1 < len(WIDTHS):
-                ratio = WIDTHS[depth + 1] // WIDTHS[depth]
+    def _look(self, *, last: bool = False) -> None:
+        """Fold what nothing can be added to: all in stretches of the greatest length that are whole."""
+        rows = np.concatenate(self._gathered)
+        tick = rows["tick"].astype(np.int64)
+        stretch = tick // (WIDTHS[-1] * self._every)
+        whole = rows.size if last else int(np.searchsorted(stretch, stretch[-1]))
+        self._gathered, self._fresh, self._rows = [rows[whole:]], 0, self._rows + whole
+        columns = {name: np.ascontiguousarray(rows[name][:whole]) for name in self._names}
+        found, before = Stretches(tick[:whole] // self._every, columns, columns), 1
+        for width, done in zip(WIDTHS, self._done, strict=True):
+            found, before = folded(found, width // before), width
+            done.append(found)
         if self._rows <= SHORT_ROWS:
             return
         if not self._writers:
             self._folder.mkdir(exist_ok=True)
             paths = [level_path(self._folder, self._stem, width) for width in WIDTHS]
             self._writers = [BlockWriter(path, layout) for path, layout in zip(paths, self._layouts, strict=True)]
-        for level, writer in zip(self._levels, self._writers, strict=True):
-            writer.push(level.taken(writer.layout))
+        for writer, done in zip(self._writers, self._done, strict=True):
+            writer.push(_rows_of(joined(done), writer.layout))
+            done.clear()
 
     def _end(self, *, well: bool) -> None:
         if self._gathered:
-            self._look()
-        if self._rows:
-            none = np.empty(0)
-            self._add(Stretches(np.empty(0, np.int64), *2 * [dict.fromkeys(self._names, none)]), last=True)
+            self._look(last=True)
         for writer in self._writers:
             writer.close() if well else writer.abandon()
 
 
-class _Level:
-    """Stretches of one length: those that are whole, and the one at hand."""
-
-    def __init__(self) -> None:
-        self._open: Stretches | None = None
-        self._done: list[Stretches] = []
-
-    def whole(self, found: Stretches, *, last: bool) -> Stretches:
-        """Take the next ones, already of this length; those of them that nothing can be added to."""
-        together = found if self._open is None else folded(joined([self._open, found]), 1) if found.size else self._open
-        kept = 0 if last or not together.size else 1
-        self._open = together.part(together.size - kept, None) if kept else None
-        whole = together.part(0, together.size - kept)
-        if whole.size:
-            self._done.append(whole)
-        return whole
-
-    def taken(self, layout: Layout) -> npt.NDArray[np.void]:
-        """The whole ones since last time, as rows of a level."""
-        rows = np.empty(sum(part.size for part in self._done), layout.dtype)
-        at = 0
-        for part in self._done:
-            piece = rows[at : at + part.size]
-            piece["tick"] = part.number * layout.header["width"]
-            for name, values in part.low.items():
-                piece[f"{name}_min"], piece[f"{name}_max"] = values, part.high[name]
-            at += part.size
-        self._done = []
-        return rows
+def _rows_of(found: Stretches, layout: Layout) -> npt.NDArray[np.void]:
+    """Stretches as rows of a level."""
+    rows = np.empty(found.size, layout.dtype)
+    rows["tick"] = found.number * layout.header["width"]
+    for name, values in found.low.items():
+        rows[f"{name}_min"], rows[f"{name}_max"] = values, found.high[name]
+    return rows
 
 
 def level_path(folder: Path, stem: str, width: int) -> Path:
