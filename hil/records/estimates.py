@@ -128,10 +128,8 @@ def board_estimates_layout(
     the flags valid and driving, as the board says them. The angle counts from one zero, as that of `estimates.arrow`,
     whose `header` it shares: what is declared of the pattern.
     """
-    columns = [TICK]
-    for prefix in ("", "sd_"):
-        columns += [Column(prefix + name, "f8", unit_of(name)) for name in states]
-    columns += [Column(name, "f8", unit_of(name)) for name in ("angle_rad", "angle_sd_rad")]
+    names = (*states, *(f"sd_{name}" for name in states), "angle_rad", "angle_sd_rad")
+    columns = [TICK, *(Column(name, "f8", unit_of(name)) for name in names)]
     columns += [Column("valid", "u1"), Column("driving", "u1")]
     declared = {name: header[name] for name in _DECLARED}
     full_header = {"tick_rate_Hz": tick_rate_Hz, "every": every, "states": list(states), "by": "board", **declared}

@@ -420,9 +420,8 @@ def on_board(folder: RunFolder) -> OnBoard | None:
 def _difference(
     board: Estimates, host: Estimates, name: str, theirs: np.ndarray, ours: np.ndarray
 ) -> np.ndarray | None:
-    if name not in host or name not in board:
-        return None
-    return np.asarray(board[name][theirs] - host[name][ours], np.float64)
+    both = name in host and name in board
+    return np.asarray(board[name][theirs] - host[name][ours], np.float64) if both else None
 
 
 def _rms(values: np.ndarray) -> float | None:

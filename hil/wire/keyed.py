@@ -158,6 +158,23 @@ def tagged(key: bytes, datagram: bytes) -> bytes | None:
     return body if compare_digest(tag(key, body), datagram[-TAG_SIZE:]) else None
 
 
+class _Keyed:
+    """What both ends have of the key, and the session there is.
+
+    Attributes:
+        refused: datagrams dropped: forged, replayed, cut short, of another session, or asked for by nobody.
+    """
+
+    def __init__(self, key: bytes, nonce: Callable[[], bytes] = lambda: secrets.token_bytes(NONCE_SIZE)) -> None:
+        self._key = key
+        self._call_key = derived(key, b"call")
+        self._challenge_key = derived(key, b"challenge")
+        self._new_nonce = nonce
+        self._out: Outgoing | None = None
+        self._in: Incoming | None = None
+        self.refused = 0
+
+
 class Outgoing:
     """One direction of a session, at its sender. `counter` is that of the next frame."""
 
@@ -209,25 +226,15 @@ class Incoming:
         return datagram[FRAME_HEAD.size : -TAG_SIZE]
 
 
-class KeyedHost:
+class KeyedHost(_Keyed):
     """The host's end. Every HELLO begins a session anew: it is held back until the board's CHALLENGE has come.
 
     Attributes:
-        refused: datagrams dropped: forged, replayed, cut short, of another session, or asked for by nobody.
         busy: the board said, with its tag, that another host has it.
     """
 
-    def __init__(self, key: bytes, nonce: Callable[[], bytes] = lambda: secrets.token_bytes(NONCE_SIZE)) -> None:
-        self._key = key
-        self._call_key = derived(key, b"call")
-        self._challenge_key = derived(key, b"challenge")
-        self._new_nonce = nonce
-        self._nonce = b""
-        self._hello = b""
-        self._out: Outgoing | None = None
-        self._in: Incoming | None = None
-        self.refused = 0
-        self.busy = False
+    busy = False
+    _nonce = _hello = b""
 
     def seal(self, frame: bytes) -> bytes | None:
         """The datagram for a frame, for HELLO a CALL; None while there is no session."""
@@ -274,22 +281,12 @@ class KeyedHost:
         return opening + tag(key, opening)
 
 
-class KeyedBoard:
-    """The board's end. Before a session begins it keeps one nonce only, so that calls cost it no memory.
-
-    Attributes:
-        refused: datagrams dropped: forged, replayed, cut short, or of another session.
-    """
+class KeyedBoard(_Keyed):
+    """The board's end. Before a session begins it keeps one nonce only, so that calls cost it no memory."""
 
     def __init__(self, key: bytes, nonce: Callable[[], bytes] = lambda: secrets.token_bytes(NONCE_SIZE)) -> None:
-        self._key = key
-        self._call_key = derived(key, b"call")
-        self._challenge_key = derived(key, b"challenge")
-        self._new_nonce = nonce
+        super().__init__(key, nonce)
         self._nonce = nonce()
-        self._out: Outgoing | None = None
-        self._in: Incoming | None = None
-        self.refused = 0
 
     def seal(self, frame: bytes) -> bytes | None:
         """The datagram for a frame; None while there is no session."""

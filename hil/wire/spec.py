@@ -262,12 +262,9 @@ def parse_spec(text: str) -> Spec:
         optional[name] = Part(name, body["bit"], body["doc"], *(tuple(found) for found in more))
         messages, registers, enums = messages | more[0], registers | more[1], enums | more[2]
         enums["Capabilities"].members[name] = body["bit"]
+    limits = ("protocol", "max_payload", "filter_radius", "gains_limit", "watchdog_s")
     return Spec(
-        protocol=raw["protocol"],
-        max_payload=raw["max_payload"],
-        filter_radius=raw["filter_radius"],
-        gains_limit=raw["gains_limit"],
-        watchdog_s=raw["watchdog_s"],
+        **{key: raw[key] for key in limits},
         optional_types=tuple(raw["optional_types"]),
         frame=frame,
         messages=messages,
@@ -308,9 +305,7 @@ def _can(raw: dict[str, Any]) -> CanSpec:
         sense=tuple(Field(**field) for field in raw["sense"]["fields"]),
         classic={name: _layout(name, body) for name, body in raw["classic"].items()},
         lengths=tuple(raw["lengths"]),
-        type_shift=raw["type_shift"],
-        node_shift=raw["node_shift"],
-        nodes=raw["nodes"],
+        **{key: raw[key] for key in ("type_shift", "node_shift", "nodes")},
     )
 
 

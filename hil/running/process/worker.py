@@ -9,7 +9,6 @@ leaves the record without its end marker.
 
 import atexit
 import json
-import math
 import os
 import signal
 import sys
@@ -23,6 +22,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 from hil.bench import Bench
 from hil.errors.ending import ExitCode, ending_of, line_of
+from hil.numbers import finite
 from hil.running import realtime
 from hil.running.process.control import LOOKS_PER_S, Control
 from hil.running.process.load import LoadMeter
@@ -220,24 +220,18 @@ def _loop(
         "refused": driven.refused,
         **({} if driven.load is None else {"load": driven.load}),
         "safety": loop.safety.told,
-        "algorithm": _told_by(observer),
-        "plugins": _remarks_of(observer),
+        **_told_by(observer),
     }
 
 
-def _told_by(observer: "Observer") -> list[dict[str, Any]]:
-    """What the plug-ins of a run tell of themselves, as JSON values."""
+def _told_by(observer: "Observer") -> dict[str, Any]:
+    """What the plug-ins of a run tell of themselves, and a line on each thing that ended nothing; JSON values."""
     from hil.plugins.plugged import Plugged
 
-    told = observer.figures if isinstance(observer, Plugged) else []
-    return [{**one._asdict(), "value": one.value if math.isfinite(one.value) else None} for one in told]
-
-
-def _remarks_of(observer: "Observer") -> list[str]:
-    """What a plug-in did that did not end the run, a line each."""
-    from hil.plugins.plugged import Plugged
-
-    return observer.remarks if isinstance(observer, Plugged) else []
+    if not isinstance(observer, Plugged):
+        return {"algorithm": [], "plugins": []}
+    told = [{**one._asdict(), "value": finite(one.value)} for one in observer.figures]
+    return {"algorithm": told, "plugins": observer.remarks}
 
 
 class _Driven:
