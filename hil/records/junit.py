@@ -28,22 +28,23 @@ def junit_xml(cases: Iterable[Case], suite: str) -> str:
     counts = {"tests": str(len(told)), "failures": str(len(failed)), "errors": str(len(broken)), "skipped": "0"}
     total = f"{sum(one.seconds or 0.0 for one in told):.3f}"
     root = Xml.Element("testsuites", counts | {"time": total})
-    parent = Xml.SubElement(root, "testsuite", {"name": _text(suite), **counts, "time": total})
+    parent = Xml.SubElement(root, "testsuite", {"name": printable(suite), **counts, "time": total})
     for one in told:
         case = Xml.SubElement(
             parent,
             "testcase",
-            {"name": _text(one.name), "classname": _text(one.device or "run"), "time": f"{one.seconds or 0.0:.3f}"},
+            {
+                "name": printable(one.name),
+                "classname": printable(one.device or "run"),
+                "time": f"{one.seconds or 0.0:.3f}",
+            },
         )
         if one.verdict not in PASSED:
             kind = "failure" if one.verdict in _FAILED else "error"
             verdict = one.verdict or "no verdict"
-            reason = _text("; ".join(one.reasons)) or verdict
-            Xml.SubElement(case, kind, {"type": verdict, "message": reason}).text = "\n".join(map(_text, one.reasons))
+            reason = printable("; ".join(one.reasons)) or verdict
+            Xml.SubElement(case, kind, {"type": verdict, "message": reason}).text = "\n".join(
+                map(printable, one.reasons)
+            )
     Xml.indent(root)
     return '<?xml version="1.0" encoding="UTF-8"?>\n' + Xml.tostring(root, encoding="unicode") + "\n"
-
-
-def _text(words: str) -> str:
-    """Without what XML has no place for."""
-    return printable(words)

@@ -21,12 +21,13 @@ from hil.progress import Progress, Watcher
 from hil.records.atomic import occupied, replacing
 from hil.records.capture import TRIMS, Capture, read_capture, trims_beside
 from hil.records.changes import Change, note_change, read_changes
+from hil.records.estimates import packed
 from hil.records.runfolder import RunFolder
 from hil.running.concluding import Made, conclude
 from hil.running.process.live_settings import LiveSettings
 from hil.running.recording.angle import ReportedAngle
 from hil.running.recording.recorder import record_here
-from hil.running.recording.tracks import estimate_rows, innovation_rows, observer_layouts, put_covariance
+from hil.running.recording.tracks import estimate_rows, innovation_rows, observer_layouts
 from hil.running.run import RunResult, new_folder
 
 _BLOCK = 1 << 14
@@ -153,7 +154,7 @@ def _estimate(
             recording["estimates"].push(estimate_rows(layouts["estimates"], tick, estimates, reported))
             done += len(tick)
             if done % stride == 0 and observer.HAS_COVARIANCE:
-                put_covariance(recording["covariance"], int(tick[-1]), observer.covariance)
+                recording["covariance"].put(int(tick[-1]), *packed(observer.covariance))
             progress(Progress("replay", done, total))
 
 

@@ -133,12 +133,14 @@ def section(key: str, title: str, *parts: str) -> str:
 
 
 def paragraph(text: str) -> str:
-    """A paragraph of plain text."""
-    return f"<p>{escape(text)}</p>"
+    """A paragraph of plain text, nothing without any."""
+    return f"<p>{escape(text)}</p>" if text else ""
 
 
 def listing(text: str) -> str:
-    """A file as it is, in fixed pitch, folded."""
+    """A file as it is, in fixed pitch, folded; nothing of an empty one."""
+    if not text:
+        return ""
     lines = counted(len(text.splitlines()), "line")
     return f'<details><summary>{lines}</summary><pre tabindex="0"><code>{escape(text)}</code></pre></details>'
 

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -20,8 +19,6 @@ from hil.records.truth import Truth
 from hil.report.pixel_series import COLUMNS, PixelSeries, first_since, pixel_series
 
 Floats = npt.NDArray[np.float64]
-
-_Record = TypeVar("_Record", Capture, Estimates, Innovation, Timing)
 
 
 @dataclass(frozen=True)
@@ -42,10 +39,10 @@ class Material:
         self.folder = folder
         self.truth = truth
         self.earlier = earlier
-        self.capture: Capture | None = _unless_empty(folder.capture)
-        self.estimates: Estimates | None = _unless_empty(folder.estimates)
-        self.innovation: Innovation | None = _unless_empty(folder.innovation)
-        self.timing: Timing | None = _unless_empty(folder.timing)
+        self.capture: Capture | None = folder.capture or None
+        self.estimates: Estimates | None = folder.estimates or None
+        self.innovation: Innovation | None = folder.innovation or None
+        self.timing: Timing | None = folder.timing or None
         self.settle_s = folder.scored_from_s
 
     @cached_property
@@ -165,7 +162,3 @@ _DECLARED = {
     "stiffness_N_per_m": ("kxx_per_s2", "kyy_per_s2", "kxy_per_s2"),
     "damping_N_s_per_m": ("dxx_per_s", "dyy_per_s", "dxy_per_s"),
 }
-
-
-def _unless_empty(record: _Record | None) -> _Record | None:
-    return record if record is not None and len(record) else None

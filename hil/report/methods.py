@@ -67,7 +67,7 @@ def render(
         markup.section("sheet", "Data sheet", _sheet(found)),
         markup.section("left-out", "What could not be compared", *map(markup.paragraph, found.remarks)),
         markup.section("columns", "Columns", *map(markup.paragraph, _COLUMNS)),
-        markup.section("bench", "Bench file", markup.listing(bench_text) if bench_text else ""),
+        markup.section("bench", "Bench file", markup.listing(bench_text)),
     ]
     start, stop = found.window_s
     facts = (

@@ -83,7 +83,7 @@ def render(
             tables.counters(material),
         ),
         markup.section("run", "Run", tables.provenance(material), _conventions(material)),
-        markup.section("bench", "Bench file as run", tables.device(material), _listing(folder)),
+        markup.section("bench", "Bench file as run", tables.device(material), markup.listing(folder.bench_text)),
     ]
     return markup.page(
         kind="Gyro bench · run report",
@@ -109,10 +109,6 @@ def _told(material: Material) -> str:
 def _conventions(material: Material) -> str:
     turns = material.estimates is not None and "angle_rad" in material.estimates
     return (markup.paragraph(_ANGLES) if turns else "") + markup.paragraph(_INTERVALS)
-
-
-def _listing(folder: RunFolder) -> str:
-    return markup.listing(folder.bench_text) if folder.bench_text else ""
 
 
 def uncertainty_section(material: Material) -> str:

@@ -132,7 +132,7 @@ def write_page(
         markup.section("residual", _held(diagnosis), tables.findings(diagnosis.findings, diagnosis.sense_unit)),
         markup.section("alike", "What this record does not separate", tables.separations(diagnosis)),
         markup.section("candidates", "Candidates", pictures.candidates, tables.rejected(diagnosis)),
-        markup.section("bench", "Bench file as traced", markup.listing(bench_text) if bench_text else ""),
+        markup.section("bench", "Bench file as traced", markup.listing(bench_text)),
     ]
     page = markup.page(
         kind="Gyro bench · trace",

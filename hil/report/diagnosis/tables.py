@@ -12,7 +12,6 @@ from hil.records.diagnosis import (
     FormTerm,
     MissingForce,
     Probabilities,
-    Separation,
     Unconfirmed,
 )
 from hil.report.markup import table
@@ -161,7 +160,7 @@ def separations(diagnosis: Diagnosis) -> str:
             _plain(pair.effect),
             _plain(pair.with_),
             "" if pair.correlation is None else f"{pair.correlation:.5f}",
-            _tells_apart(pair),
+            pair.separate_by or "nothing known",
             "" if pair.expected is None else f"{pair.expected:.4f}",
             "" if pair.takes_s is None else f"{pair.takes_s:.2g} s",
             "" if pair.angle_apart_rad is None else quantity(pair.angle_apart_rad, "rad"),
@@ -174,10 +173,6 @@ def separations(diagnosis: Diagnosis) -> str:
     )
     head = ("effect", "not separated from", "here", "what separates them", "there", "lasting", "angle")
     return table(caption, head, rows, (2, 4, 5, 6)) if rows else ""
-
-
-def _tells_apart(pair: Separation) -> str:
-    return pair.separate_by or "nothing known"
 
 
 def rejected(diagnosis: Diagnosis) -> str:

@@ -8,7 +8,7 @@ import numpy as np
 from hil.numbers import quantity, unit_for
 from hil.records.estimates import stretches, usual_sd_V
 from hil.report.material import Floats, Material
-from hil.report.theme import AXIS_COLOURS, INK, MUTED, Drawing, legend, new_figure, plain_log_ticks
+from hil.report.theme import AXIS_COLOURS, INK, MUTED, Drawing, legend, mark, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -108,16 +108,7 @@ def mark_multiples(ax: "Axes", resonance_Hz: float, highest_Hz: float, most: int
     """Dotted lines at the multiples of a resonance below `highest_Hz`; returns which."""
     multiples = [n for n in range(1, most + 1) if n * resonance_Hz < highest_Hz]
     for n in multiples:
-        ax.axvline(n * resonance_Hz, color=MUTED, linewidth=0.7, dashes=(1, 2))
-        ax.annotate(
-            _multiple(n),
-            (n * resonance_Hz, 1.0),
-            xycoords=ax.get_xaxis_transform(),
-            xytext=(2, -8),
-            textcoords="offset points",
-            color=MUTED,
-            fontsize=8,
-        )
+        mark(ax, n * resonance_Hz, _multiple(n), MUTED, (2, -8))
     return multiples
 
 

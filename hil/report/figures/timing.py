@@ -9,7 +9,7 @@ from hil.numbers import count, percent, significant
 from hil.records.quantiles import quantiles
 from hil.records.result import Percentiles
 from hil.report.material import Floats, Material
-from hil.report.theme import BAD, FIRST, MUTED, Drawing, new_figure, plain_log_ticks
+from hil.report.theme import BAD, FIRST, MUTED, Drawing, mark, new_figure, plain_log_ticks
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -67,17 +67,5 @@ def _listed(times: Percentiles) -> str:
 
 
 def _mark(ax: "Axes", value_us: float, name: str, colour: str, row: int) -> None:
-    """A vertical line with its name above the panel, in rows so that near lines do not write over each
-    other.
-    """
-    ax.axvline(value_us, color=colour, linewidth=0.9, dashes=(1, 2) if colour == MUTED else (4, 3))
-    ax.annotate(
-        name,
-        (value_us, 1.0),
-        xycoords=ax.get_xaxis_transform(),
-        xytext=(0, 2 + 10 * row),
-        textcoords="offset points",
-        color=colour,
-        fontsize=8,
-        ha="center",
-    )
+    """In rows, so that the names of near lines do not write over each other."""
+    mark(ax, value_us, name, colour, (0, 2 + 10 * row), "center")

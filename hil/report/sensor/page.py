@@ -39,7 +39,7 @@ def render(material: SensorMaterial) -> str:
         ),
         markup.section("checks", "Checks", remarks, checks_table(material)),
         markup.section(
-            "rate", "Rate", _paragraph(words.moved(material)), figures.add(lambda: sensor_rate_figure(material))
+            "rate", "Rate", markup.paragraph(words.moved(material)), figures.add(lambda: sensor_rate_figure(material))
         ),
         markup.section(
             "noise",
@@ -114,10 +114,6 @@ def _missing(material: SensorMaterial) -> str:
         " Samples are missing: a cluster's mean is over those there are, and clusters that lack more than a twentieth "
         "are left out."
     )
-
-
-def _paragraph(text: str) -> str:
-    return markup.paragraph(text) if text else ""
 
 
 class Check(NamedTuple):

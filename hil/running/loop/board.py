@@ -23,7 +23,7 @@ _BEYOND = 1  # of what is odd
 
 
 class BoardLoop(BlockLoop):
-    """One run in board mode; native/permit.h has its answer."""
+    """One run in board mode; native/blocks.h has its answer."""
 
     DRIVE = DriveBoard
     MODE = Mode.BOARD

@@ -22,13 +22,14 @@ from estimator.observer import Estimates, Observer
 from hil.bench import Bench
 from hil.inputs.declared import drive_limit_of
 from hil.numbers import count, counted, percent
+from hil.records.estimates import packed
 from hil.running.loop.target import TargetSteps
 from hil.running.loop.trimming import Trimming
 from hil.running.loop.turn import SEEN, Turn
 from hil.running.native import ALWAYS, NONE, BlocksState, Mode, TurnState, Why
 from hil.running.recording.angle import ReportedAngle
 from hil.running.recording.recorder import RecorderError, Track
-from hil.running.recording.tracks import estimate_rows, put_covariance, run_layouts
+from hil.running.recording.tracks import estimate_rows, run_layouts
 from hil.running.safety.armed import ArmedBoard, Pause
 from hil.running.safety.latching import Safety
 from hil.running.safety.opening import Opening
@@ -367,7 +368,7 @@ class Loop(ABC):
         self._tracks["estimates"].push(estimate_rows(self._layouts["estimates"], ticks, estimates, self._reported))
 
     def _record_covariance(self, tick: int, covariance: NDArray[np.float64]) -> None:
-        put_covariance(self._tracks["covariance"], tick, covariance)
+        self._tracks["covariance"].put(tick, *packed(covariance))
 
     def _said(self) -> list[Message]:
         """What the board has said beside samples since this was last asked."""

@@ -8,7 +8,13 @@
 
 #include "answer.h"
 #include "echo.h"
-#include "limits.h"
+
+/* Whether a drive may leave for the board; asked for each answer, before it is sent. */
+static bool drive_may_be_sent(const turn_t *turn, const double codes[2])
+{
+    double limit = (double)turn->code_limit;
+    return fabs(codes[0]) <= limit && fabs(codes[1]) <= limit; /* which NaN is not */
+}
 
 /* The newest command was not sent: the board will hold the one before it. */
 static void withdraw(turn_t *turn)

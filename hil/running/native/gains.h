@@ -5,7 +5,20 @@
 
 #include "answer.h"
 #include "matrices.h"
-#include "limits.h"
+
+/* Whether a board takes the matrix; else the first number that it does not take. */
+static bool gains_may_be_sent(turn_t *turn)
+{
+    const gains_t *gains = turn->gains;
+    for (int k = 0; k < 10; k++) {
+        double number = k < 8 ? gains->gain[k] : gains->bias[k - 8];
+        if (!(fabs(number) <= (double)HIL_GAINS_LIMIT)) { /* which NaN is not */
+            turn->refused[0] = number;
+            return false;
+        }
+    }
+    return true;
+}
 
 /* Enter the oldest matrix into the ledger, with the first tick computed with it, -1 where none was seen. */
 static void close_oldest(turn_t *turn, int64_t applied)

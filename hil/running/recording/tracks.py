@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from functools import cache
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -14,12 +14,11 @@ from hil.inputs.declared import formula_of
 from hil.plugins.plugged import Plugged
 from hil.records.capture import board_layout, trims_layout
 from hil.records.clock import clock_layout
-from hil.records.estimates import board_estimates_layout, covariance_layout, estimates_layout, innovation_layout, packed
+from hil.records.estimates import board_estimates_layout, covariance_layout, estimates_layout, innovation_layout
 from hil.records.layout import Layout
 from hil.records.timing import ledger_layout, timing_layout
 from hil.records.units import unit_of
 from hil.running.recording.angle import ReportedAngle
-from hil.running.recording.recorder import Track
 from hil.running.safety.trim_outputs import Output
 from hil.wire.messages import Capabilities, EstimatedEntries, Identity
 
@@ -138,27 +137,18 @@ def observer_layouts(observer: Observer, bench: Bench) -> dict[str, Layout]:
     }
 
 
-@cache
-def _innovation_groups(axes: int) -> np.dtype[np.void]:
-    """The columns of `innovation_layout`, alike ones as one."""
-    return np.dtype([("tick", "<i8"), ("nu", "<f4", axes), ("s", "<f4", axes)])
-
-
-@cache
-def _estimate_groups(states: int, size: int) -> np.dtype[np.void]:
-    """The columns of `estimates_layout` that every model has, alike ones as one, in a row of `size` bytes."""
-    names, formats = ["tick", "state", "sd"], ["<i8", ("<f8", (states,)), ("<f8", (states,))]
-    return np.dtype({"names": names, "formats": formats, "offsets": [0, 8, 8 + 8 * states], "itemsize": size})
-
-
 def innovation_rows(layout: Layout, tick: NDArray[np.int64], estimates: Estimates) -> NDArray[np.void]:
     """Rows of `innovation.arrow` for a block of samples."""
     rows = np.empty(len(tick), layout.dtype)
-    grouped = rows.view(_innovation_groups(estimates.innovation.shape[1]))
-    grouped["tick"] = tick
-    grouped["nu"] = estimates.innovation
-    grouped["s"] = estimates.innovation_deviation
+    rows["tick"] = tick
+    _fill(rows, 1, estimates.innovation, estimates.innovation_deviation)
     return rows
+
+
+def _fill(rows: NDArray[np.void], at: int, *tables: NDArray[np.float64]) -> None:
+    """Put the columns of some tables (n, columns) into those of the rows, from a place on."""
+    for name, values in zip((rows.dtype.names or ())[at:], chain(*(table.T for table in tables)), strict=False):
+        rows[name] = values
 
 
 def estimate_rows(
@@ -170,9 +160,7 @@ def estimate_rows(
     if not len(index):
         return rows
     rows["tick"] = tick[index]
-    grouped = rows.view(_estimate_groups(len(estimates.names), layout.dtype.itemsize))
-    grouped["state"] = estimates.state
-    grouped["sd"] = estimates.deviation
+    _fill(rows, 1, estimates.state, estimates.deviation)
     if estimates.innovation.shape[1] == 2:
         since_begun = [getattr(estimates, name)[index] for name in ANGLES]
         deviation = estimates.angle_deviation[index]
@@ -192,11 +180,6 @@ def estimate_rows(
                 rows[name] = np.nan
         rows["valid"] = reported.valid(energy, quadrature)
     return rows
-
-
-def put_covariance(track: Track, tick: int, covariance: NDArray[np.float64]) -> None:
-    """An observer's covariance (n, n) after the sample `tick`, SI, as a row of `covariance.arrow`."""
-    track.put(tick, *packed(covariance))
 
 
 def _plain(table: Mapping[str, Any]) -> dict[str, Any]:
