@@ -90,7 +90,6 @@ class AttitudeResult(json_file.Sealed):
 
 
 def save_attitude_result(folder: Path, result: AttitudeResult) -> None:
-    """Write `attitude.json`."""
     json_file.save(folder / "attitude.json", result)
 
 

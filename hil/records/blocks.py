@@ -160,7 +160,6 @@ def first_tick_since(t_s: float, tick_rate_Hz: float) -> int:
 
 
 def _row_of(columns: Columns, tick: int) -> int:
-    """The first row at or after a tick."""
     if not isinstance(columns, StoredColumns):
         return int(np.searchsorted(columns["tick"], tick))
     low, high = 0, columns.rows
@@ -275,8 +274,6 @@ class GrowingFile:
 
 
 class _Passage:
-    """Goes from block to block of an open file."""
-
     def __init__(self, file: BufferedReader, size: int, opening: bytes, heads: tuple[int, ...]) -> None:
         self._file = file
         self._size = size
@@ -328,7 +325,6 @@ class _Passage:
                 return self._ended()
 
     def _took(self, data: bytes, head: int) -> bool:
-        """Take a block; True when it is the end marker."""
         note, columns, rows = self._decoded(data, head)
         if note.get("end"):
             if note.get("rows") != self._rows:

@@ -107,7 +107,6 @@ def _keep(scan: Scan | None, path: Path, target: Path) -> None:
 
 
 def _tolerant(path: Path) -> Checked:
-    """In a folder, a file that is no record is a finding."""
     try:
         return _record(path)
     except InputError as error:

@@ -106,7 +106,6 @@ class Pyramid:
         self._guarded(lambda: self._end(well=True))
 
     def abandon(self) -> None:
-        """The record was interrupted."""
         self._guarded(lambda: self._end(well=False))
 
     def _guarded(self, act: Callable[[], None]) -> None:
@@ -158,7 +157,6 @@ class Pyramid:
 
 
 def _rows_of(found: Stretches, layout: Layout) -> npt.NDArray[np.void]:
-    """Stretches as rows of a level."""
     rows = np.empty(found.size, layout.dtype)
     rows["tick"] = found.number * layout.header["width"]
     for name, values in found.low.items():
@@ -167,7 +165,6 @@ def _rows_of(found: Stretches, layout: Layout) -> npt.NDArray[np.void]:
 
 
 def level_path(folder: Path, stem: str, width: int) -> Path:
-    """File of one level."""
     return folder / f"{stem}-{width}.arrow"
 
 
@@ -250,7 +247,6 @@ def _level_layout(layout: Layout, names: list[str], width: int) -> Layout:
 
 
 def _layout_of(source: DirectRecord) -> Layout:
-    """The layout of a record that was written."""
     told = source.header["columns"]
     columns = tuple(
         Column(name, dtype.str[1:], told[name]["unit"], told[name]["scale"], told[name].get("clock", ""))

@@ -23,8 +23,6 @@ _LONGEST_S = 1e9
 
 
 class _File:
-    """The place of a file of a run folder."""
-
     def __init__(self, name: str) -> None:
         self._name = name
 

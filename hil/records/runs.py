@@ -63,7 +63,6 @@ def listed(folder: Path) -> Iterator[Listed]:
 
 
 def listed_kind(place: Path) -> Kind:
-    """What a folder that is listed holds."""
     return next((kind for mark, kind in MARKS.items() if (place / mark).exists()), "run")
 
 

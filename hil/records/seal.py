@@ -106,7 +106,6 @@ def lengths_of(head: bytes | bytearray) -> Lengths:
 
 
 def is_sealed(head: bytes) -> bool:
-    """Whether a block carries checksums."""
     return _OPENING in head
 
 

@@ -132,7 +132,6 @@ class BlockWriter:
         self._before = sealed  # a block that could not be written may be tried again, after the one that is there
 
     def _taken(self) -> bytearray:
-        """What Arrow has made since last time."""
         made = bytearray(self._made.getbuffer())
         self._made.seek(0)
         self._made.truncate()

@@ -378,7 +378,6 @@ class _Window:
 
 
 def _has_ledger(timing: Timing) -> bool:
-    """Whether it is of a run in gain mode."""
     return "applied_tick" in timing.columns
 
 

@@ -15,8 +15,6 @@ from estimator.side_by_side import workers
 
 
 class Artist:
-    """The process; without one, the caller draws the figures."""
-
     def __init__(self, process: "subprocess.Popen[str] | None") -> None:
         self._process = process
 

@@ -93,7 +93,6 @@ def table(caption: str, head: Row, rows: Iterable[Row], numbers: Collection[int]
 
 
 def figure(number: int, title: str, caption: str, svg: str) -> str:
-    """A numbered figure with its caption."""
     return (
         f'<figure id="figure-{number}"><div class="plot" tabindex="0">{svg}</div><figcaption><b>Figure {number}. '
         f"{escape(title)}.</b> {escape(caption)}</figcaption></figure>"

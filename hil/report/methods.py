@@ -157,7 +157,6 @@ def _unsaid(row: MethodRow) -> str:
 
 
 def table(found: Methods) -> str:
-    """All rows as HTML."""
     caption = "Every method on one record" + (f", errors against the {found.reference}" if found.reference else "")
     return markup.table(caption, HEAD, [cells(row) for row in found.rows], range(1, 12))
 

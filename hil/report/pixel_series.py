@@ -126,8 +126,6 @@ def spread(values: Callable[[], Iterator[Floats]], rows: int, most: int = 1 << 2
 
 
 class _Window:
-    """Gathers `Held`."""
-
     def __init__(self) -> None:
         self.count = 0
         self._sums: Floats = np.zeros((2, 0))

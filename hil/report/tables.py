@@ -135,7 +135,6 @@ def answers(material: Material) -> str:
 
 
 def counters(material: Material) -> str:
-    """Everything that was counted."""
     result = material.result
     entries = {"samples": result.samples, "lost": result.lost, **result.counters}
     rows = [(name.replace("_", " "), count(value), _COUNTED.get(name, "")) for name, value in entries.items()]
@@ -177,7 +176,6 @@ def ledger(material: Material) -> str:
 
 
 def algorithm(material: Material) -> str:
-    """What the algorithm tells of itself."""
     rows = [
         (
             shown(told.name),

@@ -148,5 +148,4 @@ def _conclude(made: Made, drawer: Artist | None, progress: Watcher) -> None:
 
 
 def artist(wanted: bool) -> AbstractContextManager[Artist | None]:
-    """Who draws the report, where one is wanted."""
     return artist_process() if wanted else nullcontext()

@@ -43,7 +43,6 @@ class Started:
         return override(bench, changes, self.setting.words)
 
     def link(self, link: str) -> str:
-        """The link for that board, to be started with it."""
         if self.setting is None:
             return link
         latency_ticks, _, rate_Hz = self.setting

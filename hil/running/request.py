@@ -42,7 +42,6 @@ class RunRequest:
         return is_emulated(self.link)
 
     def file(self, option: Literal["truth", "wire_log"]) -> Path | None:
-        """The file that an option names, where it is given."""
         given = self.options.get(option)
         return None if given is None else Path(given)
 

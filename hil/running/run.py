@@ -131,14 +131,12 @@ def run(
 def _served(
     board: Served | None, link: str, truth: Path | None, bench: Bench, progress: Watcher
 ) -> "AbstractContextManager[Served]":
-    """The board that serves already, or one that is started."""
     if board is not None:
         return nullcontext(board)
     return served(link, truth=truth, seed=bench.loop.seed, progress=progress)
 
 
 def _what_was_done(safety: dict[str, Any]) -> str:
-    """What became of the board, in a few words."""
     if not safety["armed"]:
         return "nothing was armed"
     if safety["confirmed"]:
@@ -148,7 +146,6 @@ def _what_was_done(safety: dict[str, Any]) -> str:
 
 
 def _logged(log: Path | None, url: str) -> "AbstractContextManager[WireLog | None]":
-    """The wire log of a run, where one is asked for."""
     if log is None:
         return nullcontext()
     from hil.wire.wire_log import wire_log

@@ -183,8 +183,6 @@ def _of_several(bench: Bench, name: str, index: int) -> Bench:
 
 
 def _of_axis(progress: Watcher, name: str, *, shown: bool) -> Watcher:
-    """Progress of the first, alarms of all."""
-
     def watch(told: Progress) -> None:
         if told.alarm:
             progress(told._replace(alarm=f"{name}: {told.alarm}"))
@@ -257,7 +255,6 @@ class _OneStop:
                     interrupt()
 
     def in_order(self) -> list[Path]:
-        """The run folders that there are by now."""
         with self._lock:
             return [self.folders[name] for name in NAMES if name in self.folders]
 
@@ -271,5 +268,4 @@ class _OneStop:
 
     @property
     def words(self) -> str:
-        """What became of each board."""
         return "; ".join(f"{name}: {said}" for name, said in sorted(self.said.items()))

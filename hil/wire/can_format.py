@@ -230,7 +230,6 @@ class CanFormat:
         return b"".join(records), len(records)
 
     def _brief(self, status: bytes) -> bytes:
-        """The classic frame beside a STATUS."""
         values = _STATUS_BODY.unpack(status)
         brief = (min(values[k], limit) for k, limit in zip(_BRIEF_FIELDS, _BRIEF_LIMITS, strict=True))
         return self._record(_BRIEF, _BRIEF_BODY.pack(*brief), fd=False)

@@ -60,7 +60,6 @@ class Peer:
         self._heard_s = 0.0
 
     def taken(self, source: Address) -> bool:
-        """Whether somebody else has the board."""
         return self.address not in (None, source) and time.monotonic() < self._heard_s + PEER_S
 
     def heard(self, source: Address) -> None:
@@ -69,7 +68,6 @@ class Peer:
         self._heard_s = time.monotonic()
 
     def leave(self) -> None:
-        """The board is free."""
         self.address = None
 
 
@@ -87,11 +85,9 @@ class PlainHost:
         self.refused = 0
 
     def seal(self, frame: bytes) -> bytes:
-        """The datagram for a frame."""
         return frame
 
     def leave(self) -> bytes:
-        """The datagram that ends the session."""
         return LEFT
 
     def heard(self, datagram: bytes) -> Heard:
@@ -110,7 +106,6 @@ class PlainBoard:
         self.refused = 0
 
     def seal(self, frame: bytes) -> bytes:
-        """The datagram for a frame."""
         return frame
 
     def heard(self, datagram: bytes, *, from_peer: bool, taken: bool) -> Heard:
@@ -261,7 +256,6 @@ class KeyedHost(_Keyed):
         return Heard(frame)
 
     def _challenged(self, datagram: bytes) -> bytes:
-        """OPEN, or nothing."""
         body = tagged(self._challenge_key, datagram)
         if body is None or len(body) != CHALLENGE_BODY.size or not self._hello:
             self.refused += 1

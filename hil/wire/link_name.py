@@ -118,7 +118,6 @@ class Emulated:
 
     @property
     def changes(self) -> dict[str, int | float]:
-        """What is another, by the name of its field."""
         given = {"latency_ticks": self.latency_ticks, "rate_Hz": self.rate_Hz}
         return {name: value for name, value in given.items() if value is not None}
 
@@ -187,7 +186,6 @@ def require_visible(text: str) -> None:
 
 
 def installed() -> dict[str, "EntryPoint"]:
-    """The schemes of other packages."""
     from importlib.metadata import entry_points  # a third of the time that the wire takes to load
 
     return {entry.name: entry for entry in entry_points(group=ENTRY_POINT_GROUP) if entry.name not in _SCHEMES}

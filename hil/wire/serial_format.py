@@ -4,8 +4,6 @@ from hil.wire.framing import Decoder, encode_frame
 
 
 class SerialFormat:
-    """COBS, CRC-32C and delimiters."""
-
     sealed = True
 
     def encode(self, type_: int, seq: int, tick: int, payload: bytes) -> tuple[bytes, int]:

@@ -22,8 +22,6 @@ _IN_USE = (errno.EAGAIN, errno.EBUSY)
 
 
 class SerialLink(FdLink):
-    """An open serial port, held exclusively."""
-
     def __init__(self, port: serial.Serial, path: str) -> None:
         super().__init__(port.fileno(), f"serial:{path}")
         self._port = port

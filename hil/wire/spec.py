@@ -366,7 +366,6 @@ def _field_table(
 
 
 def _can_table(can: CanSpec) -> list[FieldEntry]:
-    """The lines about CAN."""
     shifts = f"type << {can.type_shift} | node << {can.node_shift} | sender"
     table = [FieldEntry("CAN", "identifier", shifts, "")]
     table += [field.entry("CAN FD") for field in can.header]

@@ -28,8 +28,6 @@ _ADVICE = "is the board on, in the same network, on the same group, port and int
 
 
 class _UdpLink(DatagramLink):
-    """What both ends have in common."""
-
     def _require_open(self) -> None:
         if self._wire.fileno() < 0:
             raise OSError(errno.EBADF, "closed")

@@ -96,6 +96,7 @@ def test_diagnosis_and_page_have_it_as_a_form(tmp_path) -> None:
     assert force_terms(about)[0].startswith("force on x: ")
     page = write_report(tmp_path, found, diagnosis, ride(), DEVICE, ObserverSettings(), force).read_text()
     assert "The missing force, without a name" in page
+    assert "The form of the missing force: coefficients, SI per unit mass" in page
     assert re.search(r"Figure \d+\. Missing force over the motion", page)
     assert re.search(r"Figure \d+\. Missing force over what moves slowly", page)
 

@@ -106,6 +106,7 @@ def test_the_page_is_whole_and_stands_alone(page: Make) -> None:
 @only_words
 def test_it_says_what_was_recorded_and_checked(page: Make) -> None:
     said = words(page(noise(20_000) + np.array([0.0, 12.5, 0.0])))
+    assert "white noise by the differences of neighbouring samples" in said
     assert "Good. 20000 samples of 3 axes in 80.0 s, none lost, no wrong checksum." in said.replace("20 000", "20000")
     assert "Sensonor STIM300, STIM318: 3 axes (x, y, z), 250 samples a second by its own count" in said
     assert "40 ppm faster than that; a millisecond in which one arrives is 13 ppm of this record" in said

@@ -46,8 +46,6 @@ _SAYS = {
 
 @dataclass(frozen=True)
 class Pictures:
-    """Figures as HTML, by the section they belong to."""
-
     effect: str = ""
     error: str = ""
     force: str = ""
@@ -148,7 +146,6 @@ def write_page(
 
 
 def headline(diagnosis: Diagnosis) -> str:
-    """The answer in one sentence."""
     if not diagnosis.effects:
         unexplained = diagnosis.verdict == "unexplained" and diagnosis.reasons
         return _SAYS[diagnosis.verdict] + (f": {diagnosis.reasons[0]}" if unexplained else "")

@@ -140,7 +140,6 @@ def dependence(one: Dependence) -> str:
 
 
 def findings(found: Sequence[Finding], unit: str = "V") -> str:
-    """What a residual holds."""
     rows = [
         (
             finding.text,
@@ -229,7 +228,6 @@ def _estimate(found: Coefficient) -> str:
 
 
 def interval(found: Coefficient) -> str:
-    """The ends of its 95 % interval."""
     low, high = found.ci95
     if found.value is None or low is None or high is None:
         return " to ".join("unbounded" if end is None else significant(end, 4) for end in found.ci95)
@@ -250,7 +248,7 @@ def _plain(name: str) -> str:
 
 
 def force_coefficients(found: MissingForce) -> str:
-    """Each term with its force_coefficients."""
+    """Each term of the form with its coefficients."""
     rows = [
         (term.form, name, "reading" if term.sensed else "force", estimate(one), interval(one))
         for term in found.form
@@ -258,12 +256,11 @@ def force_coefficients(found: MissingForce) -> str:
     ]
     rows += [(term.form, name, "inside", estimate(one), "") for term in found.form for name, one in term.inside.items()]
     head = ["term", "of", "in the", "coefficient", "95 % interval"]
-    caption = "The form of the missing force: force_coefficients SI per unit mass, with the sign with which they push"
+    caption = "The form of the missing force: coefficients, SI per unit mass, with the sign with which they push"
     return table(caption, head, rows, (3, 4)) if rows else ""
 
 
 def force_terms(found: MissingForce) -> list[str]:
-    """A line for each coefficient."""
     lines = []
     for term in found.form:
         inside = "".join(f", {name} = {estimate(one)}" for name, one in term.inside.items())

@@ -174,7 +174,6 @@ def prediction_figure(material: Material) -> Drawing | None:
 
 
 def window(cycle: float) -> int:
-    """Samples to show where a cycle has so many."""
     return int(np.clip(round(_CYCLES * cycle), _FEWEST, _MOST))
 
 

@@ -202,31 +202,31 @@ def _word(kept: bool | None) -> str:
 
 
 def axes_table(material: SensorMaterial) -> str:
-    """Mean, spread, noise_table and extremes of each axis."""
+    """Mean, spread, white noise and extremes of each axis."""
     spread = max((channel.sd_rad_s for channel in material.sensor.channels.values()), default=0.0)
     factor, prefix = prefix_for(math.degrees(spread))
     rows = []
     for axis, rate in material.rates_rad_s.items():
         channel = material.sensor.channels[axis]
-        noise_table = "–" if channel.noise_rad_s is None else significant(math.degrees(channel.noise_rad_s) * factor)
+        white = "–" if channel.noise_rad_s is None else significant(math.degrees(channel.noise_rad_s) * factor)
         rows.append(
             (
                 axis,
                 _mean(channel, rate.size),
                 significant(math.degrees(channel.sd_rad_s) * factor),
-                noise_table,
+                white,
                 significant(math.degrees(float(rate.min())), 4),
                 significant(math.degrees(float(rate.max())), 4),
             )
         )
     unit = f"({prefix}deg/s)"
-    head = ("axis", "mean / (deg/s)", f"standard deviation / {unit}", f"white noise_table of a sample / {unit}")
-    caption = "Each axis over the whole record; white noise_table by the differences of neighbouring samples"
+    head = ("axis", "mean / (deg/s)", f"standard deviation / {unit}", f"white noise of a sample / {unit}")
+    caption = "Each axis over the whole record; white noise by the differences of neighbouring samples"
     return table(caption, (*head, "least / (deg/s)", "most / (deg/s)"), rows, (1, 2, 3, 4, 5))
 
 
 def _mean(channel: Channel, samples: int) -> str:
-    """In deg/s, to the digits that white noise_table of its spread leaves it."""
+    """In deg/s, to the digits that white noise of its spread leaves it."""
     mean, sd = math.degrees(channel.mean_rad_s), math.degrees(channel.sd_rad_s)
     return plus_minus(mean, 2.0 * sd / math.sqrt(samples), beside=mean)
 

@@ -31,7 +31,6 @@ METHOD = (
 
 
 def recorded(material: SensorMaterial) -> str:
-    """What was recorded."""
     result, sensor = material.result, material.sensor
     axes = list(sensor.channels)
     said = (

@@ -116,7 +116,6 @@ class Echo:
             self.state.due = tick + self.state.latency
 
     def sent(self, ux: int, uy: int, effective_tick: int) -> None:
-        """DRIVE_FORCE has left."""
         LIBRARY.echo_sent(ctypes.byref(self.state), ux, uy, effective_tick)
 
     def saw(self, tick: int, ux: int, uy: int, flags: int) -> str:

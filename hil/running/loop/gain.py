@@ -159,7 +159,6 @@ class SentMatrices:
         self.state.effective = self._effective.ctypes.data
 
     def make_room(self) -> None:
-        """Have room for at least one more."""
         if self.state.count == len(self._effective):
             self._effective = np.concatenate([self._effective, np.zeros(max(_ROOM, self.state.count), np.int64)])
             self.state.effective, self.state.room = self._effective.ctypes.data, len(self._effective)
@@ -197,7 +196,6 @@ class SentMatrices:
         return f"SENSE of tick {state.odd_tick} {told}"
 
     def _told(self) -> str:
-        """What could have been in force."""
         state = self.state
         begin, count = state.odd_begin, state.odd_count - state.odd_begin
         if not count:

@@ -288,7 +288,6 @@ class Loop(ABC):
         return 0 if self._next is None or self._first is None else self._next - self._first
 
     def _lend(self) -> None:
-        """What may have changed since C last ran."""
         state = self._state
         state.goal = self._goal
         if self._pause is not None and self._next is not None and self._next - 1 > self._pause.armed:
@@ -301,7 +300,6 @@ class Loop(ABC):
         state.look_after = self._may_look_after()
 
     def _take_back(self) -> None:
-        """What C has counted."""
         state, counters, account = self._state, self.counters, self.board.account
         for name in ("samples", "held", "clipped", "saturated", "residual_safe"):
             setattr(counters, name, getattr(state, name))
@@ -356,7 +354,6 @@ class Loop(ABC):
         self._trimming(since, tick, closed=not self._waiting)
 
     def _close(self) -> None:
-        """Close the loop, from the next answer on."""
         self._observer.enable_control(True)
 
     def _saw(self, rows: list[SenseRow]) -> None:

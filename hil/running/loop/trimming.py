@@ -135,7 +135,6 @@ class Trimming:
                 self._put(k, asked.code, since)
 
     def _hear(self) -> None:
-        """Take what the board has answered."""
         answers = self._endpoint.answers
         while answers:
             item = answers.popleft()

@@ -176,7 +176,6 @@ class Turn:
 
     @property
     def row(self) -> SenseRow:
-        """The row that is to be taken next."""
         return row_of(self._rows[self._state.row_at])
 
     # -- lent and taken back -----------------------------------------------------------------------------------------
@@ -233,7 +232,6 @@ class Turn:
         link.peer_port, link.group_port = socket.htons(board_port), socket.htons(group_port)
 
     def _lend(self) -> None:
-        """What Python may have changed since."""
         state, rx, receiver = self._state, self._endpoint.rx, self._receiver
         descriptor = self._endpoint.link.fileno()
         state.link.fd = -1 if descriptor is None else descriptor
@@ -367,7 +365,6 @@ class Turn:
         self._state.covariance_count = 0
 
     def _take_rows(self, rows: NDArray[np.void]) -> None:
-        """Have these rows taken next."""
         if len(rows) > len(self._rows):
             self._rows = np.zeros(len(rows) + 4 * MOST_ROWS, ROW)
             self._state.batch.rows, self._state.batch.row_room = self._rows.ctypes.data, len(self._rows)

@@ -55,8 +55,6 @@ class Kind(IntEnum):
 
 
 class Mode(IntEnum):
-    """How samples are answered."""
-
     FORCE = 0
     GAIN = 1
     BOARD = 2

@@ -35,7 +35,6 @@ class Settings(BaseModel):
 
 
 def in_force(bench: Bench) -> dict[str, float]:
-    """The settings that a bench begins with."""
     controller = bench.controller
     return {
         "target_stiffness": bench.target_stiffness_per_s2 * bench.device.mass_kg,

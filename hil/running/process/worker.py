@@ -57,8 +57,6 @@ _NOTHING_WRITTEN: Mapping[str, float] = {}
 
 @dataclass(frozen=True)
 class Order:
-    """What a worker is told."""
-
     request: RunRequest  # its link is that of the board, which serves by now
     folder: str
     control: int | None = None  # descriptor of a socket to the clients of the run
@@ -358,7 +356,6 @@ class _Driven:
         self._meter = meter
 
     def _conclude(self, failed: OSError | WireError | None) -> None:
-        """Put why the run ended into one line."""
         loop, limits = self._loop, self._bench.limits
         if isinstance(failed, WireError):
             self.stopped, self.failed = str(failed), _kinds(failed)
@@ -396,7 +393,6 @@ class _Line:
         self._control.show_process()
 
     def armed(self) -> None:
-        """The board has said that it is."""
         self._control.tell(armed=True)
 
     def look(self) -> None:

@@ -50,8 +50,6 @@ class RecorderError(OSError):
 
 
 class Track(Protocol):
-    """Where the rows of one file go."""
-
     @property
     def dropped(self) -> int:
         """Rows lost because the disk did not keep up."""
@@ -269,7 +267,6 @@ def _opened(path: str) -> FileIO | None:
 
 
 def _ended(code: int, complaint: bytes) -> str:
-    """How a recorder ended, in one line."""
     words = complaint.decode(errors="replace").strip().splitlines()
     if code < 0:
         return f"the recorder was killed by {signal.Signals(-code).name}"

@@ -66,7 +66,6 @@ class _Mapped:
         return bool(self._words[_CLOSED // 8])
 
     def detach(self) -> None:
-        """Unmap the memory in this process."""
         if not self._memory.closed:
             self._words.release()
             del self._rows
@@ -196,7 +195,6 @@ class Ring(_Mapped):
 
     @property
     def waiting(self) -> int:
-        """Rows that the consumer has not taken out yet."""
         return int(self._words[_WRITTEN // 8]) - self.read
 
     def finish(self) -> None:
@@ -209,7 +207,6 @@ class Ring(_Mapped):
         self.path.unlink(missing_ok=True)
 
     def detach(self) -> None:
-        """Unmap the memory in this process."""
         if not self._memory.closed:
             self._dropped = self.dropped
         super().detach()

@@ -83,7 +83,6 @@ def run_layouts(
 
 
 def _trim_of(output: Output) -> dict[str, Any]:
-    """What a record says of a trim output."""
     told, electrode = output.told, output.electrode
     return {
         "name": told.name,

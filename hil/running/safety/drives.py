@@ -32,7 +32,6 @@ def drives(bench: Bench, link: str, declared: Bench | None = None) -> tuple[Fact
 
 
 def in_one_line(facts: Iterable[Fact]) -> str:
-    """The same for a message."""
     return ", ".join(f"{name} {value}" for name, value in facts)
 
 

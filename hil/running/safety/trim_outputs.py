@@ -58,7 +58,6 @@ def _is_of(number: int, told: TrimOutput) -> bool:
 
 
 def _wrong(told: TrimOutput, count: int) -> str:
-    """The first thing that no output is, "" for none."""
     largest_V = max(-told.lowest, told.highest) * told.scale_V
     checks = (
         (1 <= told.outputs <= MOST and told.outputs == count, f"outputs is {told.outputs}, must be one number, 1 to 8"),
