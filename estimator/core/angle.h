@@ -8,11 +8,12 @@
 /* Add to memory->forced what the model says the forces, rather than the rotation of the board, turned the pattern by.
 
    x is the prediction from the last estimate through the drive that really acted.  In an ideal oscillator it would have
-   turned by -rate h; the rest is virtual rotation, dither, holds, rounding, a drive held over a late answer. */
+   turned by -rate h; the rest is virtual rotation, dither, holds, rounding, a drive held over a late answer.  It is read
+   in the frame of that drive: where the virtual rotation reverses, the same motion is another ellipse at once. */
 static void note_forced_rotation(const Settings *settings, Memory *memory, const real *x, real h)
 {
     if (memory->started == 1) {
-        Pattern now = pattern(x, settings->stiffness, memory->rotation, memory->rate);
+        Pattern now = pattern(x, settings->stiffness, memory->rate + memory->virtual_applied, memory->rate);
         memory->forced += unwrap_half_turns(now.twice, memory->theta) - memory->theta + (double)(memory->rate * h);
     }
 }

@@ -373,7 +373,7 @@ static inline void scan_sample(const Observer *observer, const Scan *scan, whole
     const Sample sample = {scan->z + m * axes, scan->u + m * axes * scan->terms, scan->terms, scan->h[m]};
     real *x = observer->x, before[4], foreseen[4];
     int turning = axes == 2 && memory->started == 1 && scan->turned != NULL;
-    real rotation = memory->rotation, rate = memory->rate;
+    real rate = memory->rate;
     if (scan->temperature)
         memory->temperature = scan->temperature[m];
     if (follow->watched > 0 && sample.h != follow->length)
@@ -402,7 +402,7 @@ static inline void scan_sample(const Observer *observer, const Scan *scan, whole
     if (turning && follow->rate_row >= 0)
         add_scaled(follow->turned, follow->delta + follow->rate_row * count, sample.h, count);
     if (turning && settings->open_loop == 0) /* else the angle is the integrated rate */
-        add_turn(settings, foreseen, rotation, rate, R(1.0), follow);
+        add_turn(settings, foreseen, rate + memory->virtual_applied, rate, R(1.0), follow);
     if (usable > 0) {
         for (whole j = 0; j < follow->rows; j++) {
             const real *gain = work->gain + 2 * j, *seen = follow->signature;

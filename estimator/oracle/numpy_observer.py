@@ -263,11 +263,10 @@ class NumpyObserver(Observer):
         if self._frame is None:  # the sample that sets the zero of the angle counts no rotation of its own interval
             self._frame = (rate[0] + virtual[0], rate[0])
             h[0] = 0.0
-        # Both angles that a step compares are read in the frame of its beginning.
-        w_before = np.concatenate([[self._frame[0]], (rate + virtual)[:-1]])
+        # A prediction is read at the rate of the step's beginning, in the frame of the drive that acted in it.
         rate_before = np.concatenate([[self._frame[1]], rate[:-1]])
         self._frame = (rate[-1] + virtual[-1], rate[-1])
-        ahead = 0.5 * pattern(predicted, 1.0, w_before, rate_before)[0]
+        ahead = 0.5 * pattern(predicted, 1.0, rate_before + virtual, rate_before)[0]
         before, theta = self._theta.unwrap(double)
         moved = ahead - before
         moved -= np.pi * np.round(moved / np.pi)
