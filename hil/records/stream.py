@@ -78,25 +78,21 @@ class BlockWriter:
 
     def close(self) -> None:
         """Write what is left and the end marker, wait until the disk has it, and close. May be called again."""
-        if self._file.closed:
-            return
-        try:
-            self._write_block()
-            self._write([], {"end": True, "rows": self._written})
-            self._stream.close()
-            self._put_down(self._taken())
-            os.fsync(self._file.fileno())
-        except OSError as error:
-            raise self._named(error) from None
-        finally:
-            self._file.close()
+        self._end(well=True)
 
     def abandon(self) -> None:
         """Write what is left and close the file without the end marker: the record was interrupted."""
+        self._end(well=False)
+
+    def _end(self, *, well: bool) -> None:
         if self._file.closed:
             return
         try:
             self._write_block()
+            if well:
+                self._write([], {"end": True, "rows": self._written})
+                self._stream.close()
+                self._put_down(self._taken())
             os.fsync(self._file.fileno())
         except OSError as error:
             raise self._named(error) from None
@@ -164,10 +160,7 @@ class BlockWriter:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if kind is None:
-            self.close()
-        else:
-            self.abandon()
+        self._end(well=kind is None)
 
 
 def write_counted(path: Path, layout: Layout, rows: Iterable[Sequence[float]]) -> None:

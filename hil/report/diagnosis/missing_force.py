@@ -7,6 +7,7 @@ What moves with the vibration (displacement, velocity, drive) is taken at every 
 step with displacement and with velocity are shown, over some cycles each, along the whole motion.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -153,36 +154,30 @@ _PLAIN = ("°", "°C", "s")  # units that take no prefix
 
 def draw_fast(material: Material) -> Drawing | None:
     """Over displacement, velocity and drive of each axis."""
-    found = material.missing_force
-    if found is None:
-        return None
     caption = (
         "The force per mass that the model lacks, without a name, over the displacement, velocity and drive of its own "
         "axis: means of bins, with the 95 % band of the mean, from scatter and from what is not known of the force. "
         "A straight line is left out: constants take it up. A force that is nothing lies on zero."
     )
-    return _drawn(fast(found, _cycle(material, found)), "Missing force over the motion", caption)
+    return _drawn(material, fast, "Missing force over the motion", caption)
 
 
 def draw_slow(material: Material) -> Drawing | None:
     """Over orientation, amplitude, time and temperature."""
-    found = material.missing_force
-    if found is None:
-        return None
     caption = (
         "The parts of the missing force that keep step with displacement (as stiffness does) and with velocity (as "
         "damping does), over what moves slowly: a value per four cycles, means of bins with their 95 % band."
     )
-    return _drawn(slow(found, _cycle(material, found)), "Missing force over what moves slowly", caption)
+    return _drawn(material, slow, "Missing force over what moves slowly", caption)
 
 
-def _cycle(material: Material, found: MissingForce) -> float:
-    return material.sample_rate_Hz / material.resonance_Hz
-
-
-def _drawn(panels: list[Panel], title: str, caption: str) -> Drawing | None:
-    panels = [panel for panel in panels if panel.curves]
-    if not panels:
+def _drawn(
+    material: Material, panels_of: Callable[[MissingForce, float], list[Panel]], title: str, caption: str
+) -> Drawing | None:
+    if (found := material.missing_force) is None:
+        return None
+    cycle = material.sample_rate_Hz / material.resonance_Hz
+    if not (panels := [panel for panel in panels_of(found, cycle) if panel.curves]):
         return None
     rows = -(-len(panels) // _ACROSS)
     across = min(len(panels), _ACROSS)

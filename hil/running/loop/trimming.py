@@ -46,9 +46,8 @@ class _Asked:
     since: int
     numbers: list[int] = field(default_factory=list)
 
-
-def _refuses(nack: Nack, asked: _Asked) -> bool:
-    return nack.of_type == type_of(RegisterWrite) and nack.of_seq in asked.numbers
+    def refused_by(self, nack: Nack) -> bool:
+        return nack.of_type == type_of(RegisterWrite) and nack.of_seq in self.numbers
 
 
 def nulling(squares: Array, softening: Array, left: Array, most: Array) -> Array:
@@ -149,7 +148,7 @@ class Trimming:
                         del self._asked[k]
                         self._codes[k] = asked.code
                         self._acted[k] = asked.code, item.tick
-                elif asked is not None and isinstance(message, Nack) and _refuses(message, asked):
+                elif asked is not None and isinstance(message, Nack) and asked.refused_by(message):
                     self._end(k, f"was refused as {asked.code}: {client.nack_name(message.reason)}")
 
     def _tell(self, tick: int) -> None:

@@ -304,7 +304,7 @@ class _Driven:
         report_every = max(report_every, 1)
         orphaned = _on_signals(loop) if self._own_process else lambda: False
         if line is not None:
-            line.heeds_signals()
+            line.control.show_process()
         if not lockstep:
             self.refused = realtime.prepare()
             os.set_blocking(1, False)
@@ -333,7 +333,7 @@ class _Driven:
         try:
             self.armed = loop.arm()
             if line is not None:
-                line.armed()
+                line.control.tell(armed=True)
             loop.run(self._samples, report, report_every)
             through = not (loop.stop or loop.counters.residual_safe)
         except (OSError, WireError) as error:
@@ -384,26 +384,19 @@ class _Line:
     def __init__(self, control: Control, loop: "Loop", observer: "Observer", bench: Bench) -> None:
         from hil.running.process.live_settings import LiveSettings
 
-        self._control, self._loop = control, loop
+        self.control, self._loop = control, loop
         self._settings = LiveSettings(observer, bench)
         loop.board.answered = self._answered
 
-    def heeds_signals(self) -> None:
-        """From now on SIGTERM ends the loop well."""
-        self._control.show_process()
-
-    def armed(self) -> None:
-        self._control.tell(armed=True)
-
     def look(self) -> None:
         """Change what was asked to be changed, from the next sample on."""
-        for settings in self._control.asked():
+        for settings in self.control.asked():
             changed = self._settings.change(settings)
             newest = self._loop.newest
-            self._control.tell(changed=changed, tick=0 if newest is None else newest + 1)
+            self.control.tell(changed=changed, tick=0 if newest is None else newest + 1)
 
     def _answered(self, status: Status) -> None:
-        self._control.tell(safe={"tick": status.tick, "reason": reason_name(status.reason)})
+        self.control.tell(safe={"tick": status.tick, "reason": reason_name(status.reason)})
 
 
 def make_loop(
