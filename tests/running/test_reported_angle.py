@@ -63,12 +63,12 @@ def test_rows_may_come_in_any_parts(parts: int) -> None:
         np.testing.assert_array_equal(whole, cut)
 
 
-def test_one_row_at_a_time_as_numbers() -> None:
+def test_one_row_at_a_time() -> None:
     (angles, u), reported = followed(bench()), ReportedAngle(bench())
     for row in range(101):
-        numbers = float(ANGLE[row]), float(FORCED[row])
-        (angle, forced), one = reported.follow(float(T[row]), numbers, float(DEVIATION[row]), KXY, (DXX, DYY, DXY))
-        assert (angle, forced, one) == pytest.approx((angles[0][row], angles[1][row], u[row]))
+        at = slice(row, row + 1)
+        (angle, forced), one = reported.follow(T[at], (ANGLE[at], FORCED[at]), DEVIATION[at], KXY, (DXX, DYY, DXY))
+        assert (angle[0], forced[0], one[0]) == pytest.approx((angles[0][row], angles[1][row], u[row]))
 
 
 @pytest.mark.parametrize("variant", ["full", "gyro", "sense"])
