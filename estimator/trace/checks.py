@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from estimator.chance import chi2_isf
+from estimator.chance import TWO_SIDED, chi2_isf
 from estimator.scaling import Array
 from estimator.thresholds import THRESHOLDS
 from estimator.trace.fit import PRIOR, FittedModel, beside
@@ -16,7 +16,7 @@ from estimator.trace.likelihood import AT_FLOOR, RARE, Check, Evaluation, Likeli
 from estimator.trace.noise import MEDIAN_OF_SQUARE
 from estimator.trace.reference import Departure
 from estimator.trace.search import FORBIDDEN
-from estimator.written import gains
+from estimator.written import gains, plus_minus, significant
 
 OF_THE_REST = ("noise floor", "disturbance", "outliers")
 """Checks of what a model leaves."""
@@ -99,14 +99,12 @@ def prior(seen: Evidence) -> list[Check]:
     for k in layout.constants:
         if layout.names[k] in layout.varying:
             continue
-        distance = float(abs(off[k]))
         sure = float(abs(off[k]) / np.hypot(1.0, deviation[k]))
-        checks.append(
-            Check(
-                "prior", sure < PRIOR,
-                f"{layout.names[k]} is {distance:.3g} of its declared deviations from the declared value",
-            )
-        )  # fmt: skip
+        mean, half = layout.mean[k] * layout.factor[k], TWO_SIDED * seen.model.deviations[k] * abs(layout.factor[k])
+        value = plus_minus(float(seen.model.model.theta[k] * layout.factor[k]), float(half))
+        off_by = f"{abs(off[k]):.3g} of its declared deviations from the declared {significant(mean)}"
+        cure = "" if sure < PRIOR else f": the record says {value} in SI units; correct the bench file"
+        checks.append(Check("prior", sure < PRIOR, f"{layout.names[k]} is {off_by}{cure}"))
     return checks
 
 

@@ -110,7 +110,11 @@ def test_a_constant_may_not_be_far_from_what_the_bench_declares(off: float, pass
     known = model(theta=[0.0, 0.2 * off], seen=evaluation(1e12 * np.eye(2)), prior=[1.0, 0.2])
     one, other = prior(evidence(known))
     assert (one.passed, other.passed, other.name, other.effect) == (True, passed, "prior", "")
-    assert f"b1 is {abs(off):.3g} of its declared deviations" in other.sentence
+    assert f"b1 is {abs(off):.3g} of its declared deviations from the declared 0" in other.sentence
+    said = "0.902" if off > 0.0 else "−0.902"
+    assert (f"the record says {said}" in other.sentence, "correct the bench file" in other.sentence) == (
+        not passed,
+    ) * 2
 
 
 @pytest.mark.parametrize(("off", "passed"), [(6.3, True), (6.5, False)])
