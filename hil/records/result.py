@@ -403,6 +403,15 @@ TOO_SLOW = "this machine answered too late: the loop was open at times, so the a
 """Of two runs, where one of them is not `Result.kept_up`."""
 
 
+class OwnReading(json_file.Strict):
+    """What the bench's own observer reads of the record of a plug-in, where in the scored window their angles are
+    farthest apart, both zero at its start."""
+
+    plugin_rad: float
+    own_rad: float
+    own_expanded_rad: NonNegative = Field(description="That the bench's observer is uncertain by, by itself (k = 2)")
+
+
 class OnBoard(json_file.Strict):
     """What the board's own estimator said, beside the host's estimates of the same samples, where the board calls its
     angle valid; once scored, the truth."""
@@ -540,6 +549,9 @@ class Result(json_file.Sealed):
     score: Score | None = None
     board: OnBoard | None = Field(
         default=None, description="The board's own estimates, of a run in board mode; null where it said none"
+    )
+    own_reading: OwnReading | None = Field(
+        default=None, description="Of a run with an observer plug-in; null where the bench's own observer has no angle"
     )
     sensor: Sensor | None = Field(default=None, description="A sensor that was recorded, not driven")
     reference: Reference | None = Field(default=None, description="Null without a reference beside the run")

@@ -109,6 +109,7 @@ def _conclude(made: Made, drawer: Artist | None, progress: Watcher) -> None:
     from hil.records.summary import board_clock, summarise
     from hil.records.trim_figures import told_of
     from hil.running.closing_scan import scan_run, to_model
+    from hil.running.own_reading import own_reading
     from hil.verdict import judge
     from hil.verdict.budget import budget
 
@@ -130,6 +131,7 @@ def _conclude(made: Made, drawer: Artist | None, progress: Watcher) -> None:
             "versions": {name: version(name) for name in _VERSIONS},
             "serial_number": f"{identity['unique_id']:016x}" if identity else None,
             "scan": scan,
+            "own_reading": own_reading(run, bench),
         }
     )
     if (beside := outcome.get("reference")) is not None:

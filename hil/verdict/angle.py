@@ -36,7 +36,8 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequenc
 
     A run that was asked for no angle is not judged by it. One of whose angle nobody knows what it is worth has failed
     in that part; so has one whose angle is off by more than it says, where the truth was told, or does not go where its
-    own rate goes, and a board whose own estimates are not the host's.
+    own rate goes, one of a plug-in that is not what the bench's own observer reads, and a board whose own estimates are
+    not the host's.
     """
     estimates, limits = folder.estimates, bench.limits
     if estimates is None or "energy_ratio" not in estimates:
@@ -70,6 +71,7 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequenc
         told = f"the truth contradicts the angle: {contradicted}, and uncertain by {_angle(expanded)}"
         reasons.append(Reason(f"{told} (k = 2) at the end"))
     reasons += _against_rate(scored, expanded or 0.0)
+    reasons += [] if doubts else _against_own_reading(folder, result)
     reasons += _on_board(folder, result, scored, bench)
     if expanded is not None and expanded > limits.angle_rad and not doubts:
         largest = result.uncertainty[0]
@@ -161,6 +163,23 @@ def _against_rate(scored: Estimates, expanded_rad: float) -> list[Reason]:
     angle, integral = (f"{signed(float(value))} rad" for value in farthest)
     told = f"the angle goes {angle} where the integral of the rate goes {integral}: a wrong sign, or degrees"
     return [Reason(told)]
+
+
+def _against_own_reading(folder: RunFolder, result: Result) -> list[Reason]:
+    """Whether a plug-in's angle is what the bench's own observer reads of the same record, to within what both are
+    uncertain by; where the model lacks nothing, else neither is known to be right.
+    """
+    own, expanded = result.own_reading, result.angle_expanded_rad
+    if own is None or expanded is None or result.scan is None or result.scan.complete is not True:
+        return []
+    allowed = math.hypot(expanded, own.own_expanded_rad)
+    if abs(own.plugin_rad - own.own_rad) <= allowed:
+        return []
+    told = (
+        f"the plug-in's angle goes {signed(own.plugin_rad)} rad where the bench's own observer reads "
+        f"{signed(own.own_rad)} rad of the same record; they are uncertain by {_angle(allowed)} (k = 2) together"
+    )
+    return [Reason(told, f"hil compare {shlex.quote(str(folder.path))}")]
 
 
 def _on_board(folder: RunFolder, result: Result, scored: Estimates, bench: Bench) -> list[Reason]:

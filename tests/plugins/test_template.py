@@ -53,6 +53,31 @@ def test_the_observer_s_angle_holds_on_springs_that_are_declared_wrong(tmp_path:
     assert result.angle_error_rms_rad < 0.03
 
 
+def test_an_angle_and_a_rate_that_are_wrong_alike_fail_the_angle(tmp_path: Path) -> None:
+    """The template with half of both, and sure of it: nothing within the plug-in contradicts that."""
+    done = init(tmp_path, "--plugin", "observer", "-o", "mine.py", "--json")
+    source = Path(tmp_path / json.loads(done.stdout)["plugin"].partition(":")[0])
+    source.write_text(
+        f"""{source.read_text()}
+
+class Half(MyObserver):
+    def observe(self, sense, applied, imposed):
+        seen = super().observe(sense, applied, imposed)
+        return seen._replace(rate=0.5 * seen.rate, angle=0.5 * seen.angle, angle_u=1e-6)
+"""
+    )
+    run = ran(tmp_path / "run", bench(f"{source}:Half", duration_s=6.0))
+    assert run.result is not None
+    assert run.result.parts["model"].outcome == "complete"
+    angle, own = run.result.parts["angle"], run.result.own_reading
+    assert own is not None
+    assert own.plugin_rad == pytest.approx(0.5 * own.own_rad, rel=0.01)
+    assert angle.outcome == "failed"
+    assert "the bench's own observer reads" in angle.reason
+    assert angle.next is not None
+    assert angle.next.startswith("hil compare ")
+
+
 def test_what_cannot_be_written_is_told_in_one_line(tmp_path: Path) -> None:
     for options, words in (
         (["--plugin", "filter"], "--plugin filter: observer or controller"),

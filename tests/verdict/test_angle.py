@@ -10,7 +10,7 @@ from hil.bench import Bench, override
 from hil.numbers import quantity
 from hil.records.capture import Capture
 from hil.records.estimates import Estimates
-from hil.records.result import Contribution, Lacking, OnBoard, Part, Result, Scan, Score
+from hil.records.result import Contribution, Lacking, OnBoard, OwnReading, Part, Result, Scan, Score
 from hil.records.runfolder import RunFolder
 from hil.records.sensing import SenseFault
 from hil.verdict.angle import judge_angle, remedy
@@ -39,6 +39,7 @@ def judged(
     scan: Scan | None = None,
     board: Estimates | None = None,
     apart: OnBoard | None = None,
+    own: OwnReading | None = None,
     **limits: float,
 ) -> Part:
     folder = RunFolder(Path("nowhere"))
@@ -57,8 +58,21 @@ def judged(
         noise_floor=1e-4,
         scan=scan,
         board=apart,
+        own_reading=own,
     )
     return judge_angle(folder, result, override(bench(controlled=controlled, **limits), changes or {}, "test"), faults)
+
+
+COMPLETE = Scan(complete=True, reason="", samples=1, span_s=1.0, seconds=1.0)
+
+
+@pytest.mark.parametrize(("off", "outcome"), [(0.149, "good"), (0.151, "failed"), (-0.151, "failed"), (-0.149, "good")])
+def test_a_plug_in_is_held_against_the_bench_s_own_observer(off: float, outcome: str) -> None:
+    """Uncertain by 0.09 and 0.12 rad: 0.15 rad together."""
+    own = OwnReading(plugin_rad=2.0 + off, own_rad=2.0, own_expanded_rad=0.12)
+    assert judged(estimates(), own=own, scan=COMPLETE).outcome == outcome
+    # Of a model that lacks something nobody knows which of the two is right.
+    assert judged(estimates(), own=own, scan=COMPLETE.model_copy(update={"complete": None})).outcome == "good"
 
 
 STUCK = SenseFault("channel x repeated one code", "check the cable", from_s=1.0, until_s=2.5, voids=True)
