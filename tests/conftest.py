@@ -81,6 +81,14 @@ def no_report(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hil.running.concluding.artist", lambda _: nullcontext())
 
 
+@pytest.fixture(scope="module")
+def no_sizes() -> Iterator[None]:
+    """Leaves out the bytes of what is generated: its compiler for a Cortex-M7 takes four fifths of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("hil.generating.c_code.sizes", lambda _: None)
+        yield
+
+
 @pytest.fixture
 def no_scan(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leaves out the scan that closes a run, where nobody asks whether the model is complete."""

@@ -7,8 +7,9 @@ import pytest
 
 from evaluation.two_loops import TURNS, Generated, apart, closed_by, scenario, written
 
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_sizes")]
 
-@pytest.mark.slow
+
 def test_in_ten_turns_its_angle_is_that_of_double(tmp_path: Path) -> None:
     """Of the same samples, of a loop that it closes itself."""
     short, double = (written(tmp_path / str(bits), float32=bits == 32) for bits in (32, 64))
@@ -17,7 +18,6 @@ def test_in_ten_turns_its_angle_is_that_of_double(tmp_path: Path) -> None:
     assert np.abs(apart(angles[:, 0], angles[:, 1])).max() < 1e-4
 
 
-@pytest.mark.slow
 def test_ten_turns_of_its_own_loop_are_those_of_a_loop_in_double(tmp_path: Path) -> None:
     """With a converter of 24 bits: the rounding of 16 alone takes two loops in double as far apart."""
     short, double = (written(tmp_path / str(bits), float32=bits == 32, sense_bits=24) for bits in (32, 64))

@@ -22,7 +22,7 @@ from hil.inputs.declared import board_device_of, controller_settings_of, observe
 from hil.library.generating import assumed_board
 from tests.made_once import made_once
 
-pytestmark = [pytest.mark.slow]
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_sizes")]
 
 STEP_S = 1.0 / 4000.0
 

@@ -15,11 +15,13 @@ import hil
 from estimator.observer import Observer
 from hil.bench import load_bench, override
 from hil.errors import InputError
-from hil.generating.c_code import MISSING, golden
+from hil.generating.c_code import MISSING, golden, sizes
 from hil.inputs.declared import board_device_of, controller_settings_of, observer_settings_of
 from hil.library.generating import assumed_board
 from tests.forked import hil_says
 from tests.running.test_interfaces import BOARDS
+
+pytestmark = pytest.mark.usefixtures("no_sizes")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 STRICT = ["-std=c99", "-O2", "-ffp-contract=off", "-Wall", "-Wextra", "-Werror", "-Wconversion", "-Wdouble-promotion"]
@@ -143,7 +145,10 @@ def test_a_missing_drive_is_the_one_that_was_asked_for_and_poisons_nothing(tmp_p
 
 
 @pytest.mark.slow
-def test_what_the_caller_has_to_know_is_in_the_header_and_the_readme(tmp_path: Path) -> None:
+def test_what_the_caller_has_to_know_is_in_the_header_and_the_readme(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hil.generating.c_code.sizes", sizes)
     bench = override(load_bench(EXAMPLES / "s-slow.bench.toml"), {"observer": {"acquisition_s": 0.0301}}, "test")
     made = hil.generate(bench, out=tmp_path)
     header = (tmp_path / "gyro_estimator.h").read_text()

@@ -290,6 +290,7 @@ def test_a_run_tells_the_phases_with_their_limits_and_figures(tmp_path: Path) ->
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("no_report")
 def test_a_run_by_the_loops_is_told_by_what_they_do(tmp_path: Path) -> None:
     """Constants that nothing estimates are declared, and in no figure; the pattern is held on purpose, so its angle is
     no error; a comparison has the loops as they ran."""
@@ -335,6 +336,7 @@ def test_the_mode_of_before_has_no_plug_in_left() -> None:
     assert (back.observer.plugin, back.controller.plugin) == (None, None)
 
 
+@pytest.mark.usefixtures("no_report", "no_scan")
 @pytest.mark.parametrize("mode", ["force_to_rebalance", "mode_reversal", "classic_whole_angle"])
 def test_a_start_that_exceeds_the_limit_of_the_innovation_names_the_cure(tmp_path: Path, mode: str) -> None:
     """From rest to 1000 times the noise: [limits] residual_safe = 100 stops it on the way."""
@@ -351,6 +353,7 @@ def test_a_start_that_exceeds_the_limit_of_the_innovation_names_the_cure(tmp_pat
     assert not (ran(tmp_path / "cured", cured).result or result).counters["residual_safe"]
 
 
+@pytest.mark.usefixtures("no_report", "no_scan")
 def test_a_plug_in_that_converges_too_late_is_told_of_acquisition_s(tmp_path: Path) -> None:
     changes = {"limits": {"residual_safe": 1e-3}}
     result = ran(tmp_path, override(bench(observer=OWN), changes, "test")).result

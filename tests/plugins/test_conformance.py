@@ -10,7 +10,7 @@ from hil.testing.conformance import PluginConformance
 from tests.plugins.compiled import library
 from tests.plugins.running import HERE
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_sizes")]
 
 
 class _Made(PluginConformance):

@@ -11,7 +11,7 @@ from tests.plugins.compiled import generated
 from tests.plugins.running import bench, ran
 from tests.running import gyro
 
-pytestmark = pytest.mark.usefixtures("no_report")
+pytestmark = pytest.mark.usefixtures("no_report", "no_scan", "no_sizes")
 
 
 def with_plugins(declared: Bench, observer: str | None, controller: str | None) -> Bench:

@@ -146,6 +146,7 @@ def test_the_declared_device_shows_what_its_interface_shows(kind: str) -> None:
     assert (angle[-1] - angle[0]) * 4000.0 / (len(angle) - 1) == pytest.approx(1.0, abs=0.02)
 
 
+@pytest.mark.usefixtures("no_sizes")
 def test_a_boards_own_estimator_has_every_map_but_that_over_temperature(tmp_path: Path) -> None:
     for kind in BOARDS:
         if kind != "piezoresistive":
