@@ -14,7 +14,7 @@ from hil.comparing.course import Judge, Reference
 from hil.comparing.own_loop import board_course
 from hil.errors import InputError
 from hil.exporting.exported import tables_of
-from hil.progress import Progress
+from hil.progress import untold
 from hil.records.check import check
 from hil.records.layout import TICK, Column, Layout
 from hil.records.runfolder import RunFolder
@@ -58,10 +58,6 @@ RATE_RAD_S = 1.0
 SETTLE_S = 2.0
 
 
-def quietly(_: Progress) -> None:
-    """Watch nothing."""
-
-
 def declared(**loop: Any) -> Bench:
     """The C board's bench in board mode: no virtual rotation and no dither, as its estimator has neither."""
     bench = load_bench(EXAMPLES / "c-board.bench.toml")
@@ -73,7 +69,7 @@ def declared(**loop: Any) -> Bench:
 def ran(built: Path, place: Path, bench: Bench, *options: str) -> RunFolder:
     """The folder of a run with the example board."""
     with pty_board(built, "--estimator", "--rate", str(RATE_RAD_S), *options) as (_, url):
-        done = run(RunRequest(bench, url), place, report=False, progress=quietly)
+        done = run(RunRequest(bench, url), place, report=False, progress=untold)
     assert done.folder is not None
     return RunFolder(done.folder)
 
@@ -213,7 +209,7 @@ def test_an_estimate_that_cannot_be_ends_in_safe_with_one_line(
 @pytest.mark.usefixtures("no_report")
 def test_a_board_without_an_estimator_is_refused_in_one_line(built: Path, tmp_path: Path) -> None:
     with pty_board(built) as (_, url), pytest.raises(InputError) as refusal:
-        run(RunRequest(declared(), url), tmp_path, progress=quietly)
+        run(RunRequest(declared(), url), tmp_path, progress=untold)
     assert str(refusal.value).endswith('the board has no estimator of its own; use [loop] mode = "force"')
 
 
@@ -236,7 +232,7 @@ def test_over_keyed_udp(built: Path, tmp_path: Path) -> None:
     make_key(key)
     board = UdpBoard([str(built / "udp_board"), "239.255.42.68:42686", str(key), "127.0.0.1", "--estimator"])
     try:
-        done = run(RunRequest(declared(), board.url), tmp_path, report=False, progress=quietly)
+        done = run(RunRequest(declared(), board.url), tmp_path, report=False, progress=untold)
     finally:
         board.end()
     assert done.folder is not None

@@ -8,7 +8,7 @@ import pytest
 
 import hil
 from hil.bench import Bench, load_bench, override
-from hil.progress import Progress
+from hil.progress import untold
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import run
@@ -25,10 +25,6 @@ SENSE_SCALE_V = 0.25 / 2**15
 SETTLE_S, TEN_TURNS_S = 1.5, 40.0
 
 pytestmark = [pytest.mark.slow]
-
-
-def quietly(_: Progress) -> None:
-    """Watch nothing."""
 
 
 def declared(mode: str, *, acquisition_s: float = 0.1, duration_s: float = 3.0, **loop: object) -> Bench:
@@ -65,7 +61,7 @@ def cross_boards(estimator: Path, tmp_path_factory: pytest.TempPathFactory) -> P
 
 def ran(bench: Bench, url: str, place: Path) -> RunFolder:
     """The folder of a run whose verdict is good."""
-    done = run(RunRequest(bench, url), place, report=False, progress=quietly)
+    done = run(RunRequest(bench, url), place, report=False, progress=untold)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result
@@ -201,7 +197,7 @@ def refused(estimator: Path) -> list[str]:
 @pytest.mark.usefixtures("no_report")
 def test_a_nan_of_the_boards_estimator_ends_in_safe_with_one_line(boards: Path, tmp_path: Path) -> None:
     with pty_board(boards, "--estimator", "--wrong", "1.0:nan") as (_, url):
-        done = run(RunRequest(declared("board"), url), tmp_path, report=False, progress=quietly)
+        done = run(RunRequest(declared("board"), url), tmp_path, report=False, progress=untold)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result

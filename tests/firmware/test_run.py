@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from hil.bench import Bench, load_bench, override
-from hil.progress import Progress
+from hil.progress import untold
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import run
@@ -29,13 +29,9 @@ FAST = {"phi_x": 0.012, "phi_y": -0.009, "kxx": 9.873e8, "kyy": 9.865e8, "kxy": 
 pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("no_report")]
 
 
-def quietly(_: Progress) -> None:
-    """Watch nothing."""
-
-
 def ran(declared: Bench, url: str, place: Path) -> RunFolder:
     """The folder of a run whose verdict is good."""
-    done = run(RunRequest(declared, url), place, progress=quietly)
+    done = run(RunRequest(declared, url), place, progress=untold)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     result = folder.result
@@ -90,7 +86,7 @@ def test_its_clock_is_this_machines(built: Path, tmp_path: Path, mode: str) -> N
         "test",
     )
     with pty_board(built, *options) as (_, url):
-        done = run(RunRequest(declared, url), tmp_path, progress=quietly)
+        done = run(RunRequest(declared, url), tmp_path, progress=untold)
     assert done.folder is not None
     result = RunFolder(done.folder).result
     assert result is not None

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from hil.bench import Bench, override
-from hil.progress import Progress
+from hil.progress import untold
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
 from hil.running.run import run
@@ -14,10 +14,6 @@ from tests.running import gyro
 HERE = Path(__file__).parent
 _UNCHANGED: Mapping[str, Mapping[str, Any]] = {}
 OWN = f"{HERE / 'own.py'}:Own"
-
-
-def quietly(_: Progress) -> None:
-    """Watch nothing."""
 
 
 def bench(
@@ -36,6 +32,6 @@ def ran(place: Path, declared: Bench, *, link: str | None = None, dry_run: bool 
     place.mkdir(exist_ok=True)
     scenario = gyro.scenario(place / "board.toml")
     request = RunRequest(declared, link or f"inproc:{scenario}", {"truth": place / "truth.arrow"}, dry_run=dry_run)
-    done = run(request, place / "runs", progress=quietly)
+    done = run(request, place / "runs", progress=untold)
     assert done.folder is not None
     return RunFolder(done.folder)

@@ -12,12 +12,13 @@ from hil.bench import override
 from hil.errors import InputError
 from hil.plugins import finding
 from hil.plugins.of_bench import require_supported
+from hil.progress import untold
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
 from hil.report.page import render
 from hil.running.process.live_settings import at_once
 from hil.scoring.score import score
-from tests.plugins.running import HERE, OWN, bench, quietly, ran
+from tests.plugins.running import HERE, OWN, bench, ran
 from tests.running.closed import angle_errors
 
 pytestmark = pytest.mark.usefixtures("no_report")
@@ -87,7 +88,7 @@ def test_what_an_observer_does_not_tell_is_told_as_missing(tmp_path: Path) -> No
 def test_a_replay_has_it_again_on_the_record(tmp_path: Path) -> None:
     declared = bench(OWN)
     run = ran(tmp_path, declared)
-    again = replay(run.capture_path, declared, tmp_path / "again", progress=quietly)
+    again = replay(run.capture_path, declared, tmp_path / "again", progress=untold)
     assert again.folder is not None
     ours, theirs = RunFolder(again.folder).estimates, run.estimates
     assert ours is not None

@@ -8,9 +8,10 @@ import pytest
 import hil
 from hil.bench import override
 from hil.errors import InputError
+from hil.progress import untold
 from hil.records.runfolder import RunFolder
 from hil.replaying.replay import replay
-from tests.plugins.running import bench, quietly, ran
+from tests.plugins.running import bench, ran
 
 FORCED = {"controller": {"mode": "force_to_rebalance", "dither_mps2": 0.0}, "loop": {"duration_s": 3.0}}
 
@@ -22,7 +23,7 @@ def test_its_record_is_read_by_the_observer_of_the_bench(tmp_path: Path) -> None
     run = ran(tmp_path, declared)
     assert run.estimates is not None
     assert run.estimates.header["plugins"] == {"observer": "classic", "controller": "classic"}
-    again = replay(run.capture_path, declared, tmp_path / "again", progress=quietly)
+    again = replay(run.capture_path, declared, tmp_path / "again", progress=untold)
     assert again.folder is not None
     read = RunFolder(again.folder).estimates
     assert read is not None

@@ -8,7 +8,7 @@ import pytest
 from device_emulator.scenario import load
 from hil.bench import Bench
 from hil.boards.emulation import emulator
-from hil.progress import Progress
+from hil.progress import untold
 from hil.records.result import Result
 from hil.records.runfolder import RunFolder
 from hil.running.request import RunRequest
@@ -24,10 +24,6 @@ BAD_LINE = (
 )
 
 
-def quietly(_: Progress) -> None:
-    """Watch nothing."""
-
-
 def faulty(path: Path, faults: str) -> Path:
     """S-slow's scenario with a `[faults]` table."""
     gyro.scenario(path)
@@ -36,7 +32,7 @@ def faulty(path: Path, faults: str) -> Path:
 
 
 def go(declared: Bench, link: str, out: Path, truth: Path | None = None) -> tuple[RunFolder, Result]:
-    done = run(RunRequest(declared, link, {"truth": truth}), out, progress=quietly)
+    done = run(RunRequest(declared, link, {"truth": truth}), out, progress=untold)
     assert done.folder is not None
     folder = RunFolder(done.folder)
     assert folder.result is not None

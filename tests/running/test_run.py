@@ -11,7 +11,7 @@ import pytest
 from hil.bench import Bench
 from hil.boards.emulation import emulator
 from hil.errors import InputError
-from hil.progress import Progress
+from hil.progress import Progress, untold
 from hil.records.capture import read_capture
 from hil.records.runfolder import RunFolder
 from hil.records.truth import read_truth
@@ -29,12 +29,8 @@ from tests.wire.board import SmallBoard
 pytestmark = pytest.mark.usefixtures("no_report")
 
 
-def quietly(_: Progress) -> None:
-    """Watch nothing."""
-
-
 def go(declared: Bench, link: str, out: Path, *, dry_run: bool = False) -> RunResult:
-    return run(RunRequest(declared, link, dry_run=dry_run), out, progress=quietly)
+    return run(RunRequest(declared, link, dry_run=dry_run), out, progress=untold)
 
 
 @contextmanager

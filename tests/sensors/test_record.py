@@ -16,7 +16,7 @@ from device_emulator.gyros import Gyro, stim
 from hil import cli
 from hil.errors import InputError
 from hil.exporting.exported import channels
-from hil.progress import Progress
+from hil.progress import Progress, untold
 from hil.records.capture import Capture, read_capture
 from hil.records.rates import rates_rad_s
 from hil.records.result import Result, load_result
@@ -39,13 +39,9 @@ def emulated(*options: str) -> Iterator[tuple[str, "subprocess.Popen[str]"]]:
         process.terminate()
 
 
-def quietly(_: Progress) -> None:
-    """Watch nothing."""
-
-
 def go(tmp_path: Path, link: str, seconds: float = 1.0) -> tuple[Capture, Result]:
     request = request_of(link, {"duration_s": seconds, "name": "sensor", "note": "n"})
-    folder = record(request, tmp_path, progress=quietly)
+    folder = record(request, tmp_path, progress=untold)
     return read_capture(folder / "capture.arrow"), load_result(folder / "result.json")
 
 
