@@ -80,7 +80,7 @@ def answer(
         verdict=verdict, effects=effects, separations=(), rejected=(), findings=before.findings,
         before=before.fitted, after=after.fitted, held_out_before=before.held_out, held_out_after=after.held_out,
         residual_before=before.residual, residual_after=after.residual, split=0, reasons=(),
-        share=None if unconfirmed else judged.share, left=after.findings if verdict is Verdict.PARTLY else (),
+        share=None if unconfirmed else judged.share, left=after.findings if effects else (),
         unconfirmed=unconfirmed, dependences=dependences,
     ).of_what_is_named()  # fmt: skip
 

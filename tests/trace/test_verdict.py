@@ -2,11 +2,14 @@
 
 from itertools import product
 
+import numpy as np
 import pytest
 
-from estimator.diagnosis import Verdict
+from estimator.diagnosis import Finding, Fit, Found, Verdict
+from estimator.trace.checks import Evidence
+from estimator.trace.examination import Figures
 from estimator.trace.likelihood import Check
-from estimator.trace.verdict import verdict_of
+from estimator.trace.verdict import Judged, answer, verdict_of
 
 OF_MODEL, OF_EFFECT = ("prior", "noise floor", "disturbance"), ("held out", "sign", "constancy")
 
@@ -39,3 +42,19 @@ def test_a_part_is_more_than_half_of_the_power_above_the_floor(share: float | No
 def test_no_check_at_all_is_none_that_failed() -> None:
     assert verdict_of([], []) is Verdict.ADEQUATE
     assert verdict_of(["drag"], []) is Verdict.EXPLAINED
+
+
+@pytest.mark.parametrize(("check", "told"), [(True, ("after",)), (False, ())])
+def test_what_an_explained_residual_still_holds_is_told(check: bool, told: tuple[str, ...]) -> None:
+    """Too little for a check to fail is not nothing; of effects that are not confirmed nothing is left."""
+
+    def figures(said: str) -> Figures:
+        fit = Fit((1.0,), (1.0,), 1.0, 1.0)
+        return Figures(fit, fit, (Finding("line", said, 1.0, 9.0),), np.zeros((2, 1)))
+
+    evidence = object.__new__(Evidence)
+    object.__setattr__(evidence, "without", {"drag": None})
+    judged = Judged(evidence, [Check("held out", check, "", "drag")], figures("after"), 1.0, {})
+    found = Found("drag", "drag", "", {}, 1.0, "")
+    given = answer(judged, (figures("before"), figures("after")), (found,))
+    assert tuple(one.text for one in given.left) == told
