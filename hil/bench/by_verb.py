@@ -11,7 +11,9 @@ from typing import Literal
 from hil.bench.bench import Bench
 from hil.bench.classic import Loops
 from hil.bench.data_sheet import FIGURES
+from hil.bench.loop import LEAST_ROWS
 from hil.errors import InputError
+from hil.numbers import counted
 
 Verb = Literal["run", "replay", "trace", "compare"]
 
@@ -109,6 +111,15 @@ def _refused(bench: Bench, verb: Verb) -> Iterator[tuple[str, str]]:
             "[observer] variant",
             f'"gyro" with gain = "stationary" takes the sense offsets as zero, offset_sd_V is {bench.offset_sd_V:g} V; '
             'use variant = "full", which estimates them (hil compare runs "gyro" as prior art)',
+        )
+    loop, rate = bench.loop, device.sample_rate_Hz
+    if verb == "run" and (rows := loop.scored_rows(rate, loop.estimate_every)) < LEAST_ROWS:
+        enough = loop.coarsest_estimates(rate)
+        yield (
+            "[loop] estimate_every",
+            f"{loop.estimate_every} leaves {counted(rows, 'row')} of estimates from settle_s = {loop.settle_s:g} s to "
+            f"duration_s = {loop.duration_s:g} s, {LEAST_ROWS} are needed; "
+            + (f"give at most {enough}" if enough else "run for longer"),
         )
     if verb == "run" and device.drive.hold != "zoh":
         yield (

@@ -1,5 +1,6 @@
 """The run itself: the link, the clock, the control law and the limits it is judged by."""
 
+import math
 from typing import Annotated, Literal, Self
 
 from pydantic import AfterValidator, Field, model_validator
@@ -8,6 +9,9 @@ from hil.bench.classic import Loops, Mode
 from hil.bench.data_sheet import with_sheet_limits
 from hil.bench.section import Fraction, NotNegative, Plugin, Positive, Section
 from hil.records.kind import RUN_NAME, checked_name
+
+LEAST_ROWS = 2
+"""Rows of estimates that a scored window needs: an angle counts from the first of them."""
 
 RunName = Annotated[str, AfterValidator(checked_name), Field(json_schema_extra={"pattern": RUN_NAME})]
 
@@ -102,6 +106,17 @@ class Loop(Section):
     def covariance_unit(self) -> int:
         """Samples after which there is a covariance beside an estimate: the least `covariance_every`."""
         return max(self.estimate_every, self.block) if self.in_blocks else self.estimate_every
+
+    def scored_rows(self, sample_rate_Hz: float, every: int) -> int:
+        """Rows of estimates, one every so many samples, from `settle_s` after the first of a whole run on."""
+        samples, settle = round(self.duration_s * sample_rate_Hz), self.settle_s * sample_rate_Hz
+        return max(samples // every - math.ceil(settle / every - 1e-9), 0)
+
+    def coarsest_estimates(self, sample_rate_Hz: float) -> int:
+        """The largest `estimate_every` of which the scored window has `LEAST_ROWS`; 0: it is too short for any."""
+        samples = round(self.duration_s * sample_rate_Hz)
+        each = (samples // rows for rows in range(LEAST_ROWS, samples + 1))
+        return next((every for every in each if self.scored_rows(sample_rate_Hz, every) >= LEAST_ROWS), 0)
 
     def covariance_stride(self, sample_rate_Hz: float) -> int:
         """Every how many samples the covariance is recorded."""

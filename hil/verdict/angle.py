@@ -10,8 +10,9 @@ import numpy as np
 
 from hil.bench import Bench
 from hil.bench.classic import CLASSIC
+from hil.bench.loop import LEAST_ROWS
 from hil.inputs.declared import formula_of
-from hil.numbers import COVERAGE, percent, quantity, signed
+from hil.numbers import COVERAGE, counted, percent, quantity, signed
 from hil.records.estimates import Estimates
 from hil.records.result import Contribution, Part, Reason, Result
 from hil.records.runfolder import RunFolder
@@ -27,6 +28,9 @@ _OPEN_LOOP = (
 _BEYOND = 2.0
 """Expanded uncertainties, four standard ones: an honest angle is off by more in one run of 16 000."""
 _UNTOLD = "the observer gives no uncertainty of its angle (angle_u); hil score with a truth shows its error"
+_NOT_RECORDED = "no angle to judge: no estimates were recorded"
+_NO_PATTERN = "no angle to judge: a single axis has none"
+_TOO_FEW = "no angle to judge: {rows} of estimates in the scored window, at least {least} are needed"
 _FROM_ELSEWHERE = "no angle to judge: an imported record without control is judged by its model"
 
 
@@ -41,13 +45,13 @@ def judge_angle(folder: RunFolder, result: Result, bench: Bench, faults: Sequenc
     """
     estimates, limits = folder.estimates, bench.limits
     if estimates is None or "energy_ratio" not in estimates:
-        return Part(outcome="unknown")
+        return Part(outcome="unknown", reason=_NOT_RECORDED if estimates is None else _NO_PATTERN)
     if estimates.header.get("angle") == "none":
         ran = folder.capture is None or folder.capture.header.get("identity") is not None
         return Part(outcome="unknown", reason=_OPEN_LOOP.format(why=formula_of(bench).why) if ran else _FROM_ELSEWHERE)
     scored = estimates.settled(bench.loop.settle_s)
-    if not len(scored):
-        return Part(outcome="unknown")
+    if len(scored) < LEAST_ROWS:
+        return Part(outcome="unknown", reason=_TOO_FEW.format(rows=counted(len(scored), "row"), least=LEAST_ROWS))
     expanded = result.angle_expanded_rad
     doubts = [] if expanded is None else _doubts(folder, result, bench, faults, float(scored.part(0, 1).t_s[0]))
     reasons = [*doubts]

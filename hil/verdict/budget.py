@@ -16,6 +16,7 @@ from estimator.uncertainty import SinceZero
 from hil.bench import Bench
 from hil.bench.calibration import SYMBOLS
 from hil.bench.classic import PLUGIN as CLASSIC
+from hil.bench.loop import LEAST_ROWS
 from hil.inputs.declared import formula_of
 from hil.numbers import COVERAGE, SD_95, quantity, significant
 from hil.records.estimates import Estimates
@@ -54,7 +55,7 @@ def budget(
     if estimates is None or "angle_u_rad" not in estimates:
         return _NOTHING
     scored = estimates.settled(bench.loop.settle_s)
-    if len(scored) < 2:
+    if len(scored) < LEAST_ROWS:
         return _NOTHING
     ends = scored.part(0, 1), scored.part(len(scored) - 1, len(scored))
     deviation = float(ends[1]["angle_sd_rad"][0])

@@ -219,3 +219,28 @@ def test_the_verbs_refuse_before_they_begin(tmp_path: Path) -> None:
         with pytest.raises(InputError, match="hil replay alone"):
             act()
     assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("loop", "rows", "most"),
+    [
+        ({"estimate_every": 30000}, "0 rows", 5000),
+        ({"estimate_every": 12000}, "0 rows", 5000),
+        ({"estimate_every": 6000}, "1 row", 5000),
+        ({"estimate_every": 9000, "settle_s": 0.0}, None, None),
+        ({"estimate_every": 11000, "settle_s": 0.0}, "1 row", 10000),
+    ],
+)
+def test_a_run_that_would_score_too_few_rows_is_refused(loop: dict[str, Any], rows: str | None, most: int) -> None:
+    """Of 20 000 samples, 8000 of which settle; the value that the refusal gives is enough, and no larger one is."""
+    long = gyro.bench(5.0, loop={"settle_s": 2.0} | loop)
+    require_usable(long, "replay")  # a record has a length of its own
+    if rows is None:
+        require_usable(long, "run")
+        return
+    with pytest.raises(InputError, match=rf"\[loop\] estimate_every: .* leaves {rows} .*give at most {most}$"):
+        require_usable(long, "run")
+    require_usable(long.with_(loop={"estimate_every": most}), "run")
+    for every in (most + 1, most + 500):
+        with pytest.raises(InputError, match="estimate_every"):
+            require_usable(long.with_(loop={"estimate_every": every}), "run")

@@ -252,9 +252,15 @@ def test_without_an_angle_there_is_nothing_to_judge() -> None:
 def test_where_there_is_nothing_to_judge_it_by_it_is_unknown() -> None:
     single = estimates()
     del single.columns["energy_ratio"]  # type: ignore[attr-defined]
-    assert judged(None).outcome == "unknown"
-    assert judged(single).outcome == "unknown"  # a single axis has no angle
-    assert judged(estimates().part(0, 20)).outcome == "unknown"  # the run ended before the scored window began
+    few = "row{} of estimates in the scored window, at least 2 are needed"
+    for found, reason in (
+        (None, "no estimates were recorded"),
+        (single, "a single axis has none"),
+        (estimates().part(0, 20), f"0 {few.format('s')}"),  # the run ended before the scored window began
+        (estimates().part(0, 21), f"1 {few.format('')}"),
+    ):
+        part = judged(found, None)
+        assert (part.outcome, part.reason) == ("unknown", f"no angle to judge: {reason}")
 
 
 SAID = {"states": ["rate_rad_s"]}
