@@ -75,8 +75,13 @@ class Bench(Tables):
             )
         if (finding := implausible(self)) is not None:
             raise ValueError(beside(finding, self))
-        if self.controller.enabled and self.controller.modulation_Hz > self.device.resonance_Hz / 10:
-            finding = f"[controller] modulation_Hz: must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"
+        law = self.controller
+        if law.enabled and law.amplitude_modulation and law.modulation_Hz > self.device.resonance_Hz / 10:
+            told = f"must stay below a tenth of {self.device.resonance_Hz:.4g} Hz"
+            if "modulation_Hz" in law.model_fields_set:
+                finding = f"[controller] modulation_Hz: {told}"
+            else:
+                finding = f"[controller] amplitude_modulation: modulation_Hz is {law.modulation_Hz:g} Hz, and {told}"
             raise ValueError(beside(finding, self))
         return self
 

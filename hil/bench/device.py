@@ -164,8 +164,9 @@ class Device(Section):
             raise ValueError("stiffness_N_per_m: must not be negative; 0 is a mass on no spring")
         for key in ("stiffness_N_per_m", "damping_N_s_per_m") if self.axes == 2 else ():
             xx, yy, xy = getattr(self, key)
-            if min(xx, yy) >= 0 and xy * xy > xx * yy:
-                raise ValueError(f"{key}: a matrix [xx, yy, xy] that could add energy; xy² must be at most xx·yy")
+            if min(xx, yy) < 0 or xy * xy > xx * yy:
+                told = "xx and yy must not be negative, and xy² at most xx·yy"
+                raise ValueError(f"{key}: a matrix [xx, yy, xy] that could add energy; {told}")
         if not self.drive.gain_known and self.axes != 1:
             raise ValueError("[device.drive] gain_known: a drive gain is estimated for axes = 1 only; set it to true")
         if self.sense.is_envelope and min(self.sense.gain_V_per_m) < 0:

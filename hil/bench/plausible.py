@@ -119,6 +119,11 @@ def _controller(bench: Tables) -> Iterator[str]:
             f"[controller] virtual_rotation_rad_s: {controller.virtual_rotation_rad_s:g} rad/s is no slow rotation of "
             f"a pattern that vibrates at {omega0:.4g} rad/s; give less than a tenth of that"
         )
+    if 0.0 < controller.virtual_reversal_s < bench.cycle_s:
+        yield (
+            f"[controller] virtual_reversal_s: {controller.virtual_reversal_s:g} s is shorter than a cycle of "
+            f"{1 / bench.cycle_s:.4g} Hz, within which no pattern rotates; usually seconds, 0 never reverses"
+        )
     for key in ("energy_gain", "quadrature_gain"):
         if getattr(controller, key) > 1.0:
             yield (

@@ -121,7 +121,7 @@ def test_offset_deviation_comes_from_the_data_sheet_unless_overridden(tmp_path: 
             "[observer.initial] damping_N_s_per_m: axes = 2 needs [dxx, dyy, dxy], not 1 of them",
         ),
         (
-            "[controller]\nmodulation_Hz = 50",
+            "[controller]\namplitude_modulation = 0.01\nmodulation_Hz = 50",
             "[controller] modulation_Hz: must stay below a tenth of 201.3 Hz",
         ),
     ],
@@ -260,3 +260,13 @@ def test_examples_are_found_by_name_path_and_neighbour(tmp_path: Path) -> None:
     assert examples.find("bench", "s-slow").name == "s-slow.bench.toml"
     with pytest.raises(InputError, match=r"s-slwo: no such bench file.*did you mean s-slow\?"):
         examples.find("bench", "s-slwo")
+
+
+def test_a_modulation_that_the_file_does_not_ask_for_refuses_no_device(tmp_path: Path) -> None:
+    """At 6.4 Hz the default frequency of the modulation is too fast; the file has no modulation."""
+    slow = MINIMAL.replace("mass_kg = 1e-3", "mass_kg = 1.0")
+    assert load_bench(bench_file(tmp_path, slow)).device.resonance_Hz == pytest.approx(6.366, abs=1e-3)
+    told = complaint(tmp_path, f"{slow}[controller]\namplitude_modulation = 0.01\n")
+    assert told.startswith(
+        "[controller] amplitude_modulation: modulation_Hz is 1 Hz, and must stay below a tenth of 6.366"
+    )

@@ -35,6 +35,16 @@ CASES = [
     ("", "[observer.initial_sd]\nstiffness = 1e9", "[observer.initial_sd] stiffness: 1e+09 is beyond 1"),
     ("", "[observer.process_noise]\nrate_rad_s_per_rts = 1e99", "[observer.process_noise] rate_rad_s_per_rts: 1e+99"),
     ("", "[controller]\nvirtual_rotation_rad_s = -1e9", "[controller] virtual_rotation_rad_s: -1e+09 rad/s is no slow"),
+    (
+        "",
+        "[controller]\nvirtual_reversal_s = 1e-6",
+        "[controller] virtual_reversal_s: 1e-06 s is shorter than a cycle of 200.7 Hz",
+    ),
+    (
+        "",
+        "[controller]\nvirtual_reversal_s = 1e-6\n[loop]\nmode = 'gain'\nblock = 40",
+        "[controller] virtual_reversal_s: 1e-06 s is shorter than a cycle",
+    ),
     ("", "[controller]\nenergy_gain = 1e6", "[controller] energy_gain: 1e+06 acts within less than a cycle"),
     ("", "[controller]\ndither_mps2 = 1e6", "[controller] dither_mps2: 1e+06 m/s² is beyond the drive's full"),
 ]  # fmt: skip
