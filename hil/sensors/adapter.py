@@ -49,9 +49,7 @@ class Adapter(Protocol):
     skipped: int
 
     @property
-    def channels(self) -> tuple[Column, ...]:
-        """As above."""
-        ...
+    def channels(self) -> tuple[Column, ...]: ...
 
     def feed(self, data: Any) -> Sequence[Sample]:
         """The samples that `data` completes, in order: bytes, or frames (`can.Message`). Never raises on what it

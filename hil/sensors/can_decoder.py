@@ -45,7 +45,6 @@ class Signal(NamedTuple):
 
     @property
     def is_rate(self) -> bool:
-        """Whether it is an angular rate."""
         return self.column.unit == "rad/s"
 
 

@@ -110,7 +110,6 @@ class IioGyro:
         return got
 
     def feed(self, data: bytes) -> list[Sample]:
-        """As `Adapter.feed`."""
         buffer = self._rest + data
         whole = len(buffer) // self._dtype.itemsize
         rows = np.frombuffer(buffer, self._dtype, whole)
@@ -125,11 +124,9 @@ class IioGyro:
         return samples
 
     def complaints(self, status: int) -> list[str]:
-        """It has no status."""
         return []
 
     def close(self) -> None:
-        """Hang up."""
         self._line.close()
 
     def _attribute(self, channel: str, name: str) -> str:

@@ -1,9 +1,6 @@
 """Where the fields of one frame stand: from a declaration and a frame's head to a function that reads it.
 
-Checksums of makers' frames, each over a frame with its checksum at the end: of one, and of many at once.
-
-Each is linear: what is left over of a frame, 0 where its checksum fits, is the exclusive or, or the sum, of what each
-of its bytes adds where it stands. So what many frames leave over is looked up byte by byte, for all of them at once.
+Checksums of makers' frames are each over a frame with its checksum at the end.
 """
 
 import binascii
@@ -12,11 +9,7 @@ import zlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial, reduce
 from operator import xor
-from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
-
-import numpy as np
-import numpy.typing as npt
 
 from hil.records.layout import Column
 from hil.sensors.declared import Field, Protocol, fields_of
@@ -53,14 +46,12 @@ Finder = Callable[[bytes, int], Layout | int | None]
 
 
 class Framing(NamedTuple):
-    """How a protocol's frames are found: what they begin with, their fields as declared, whether a checksum fits.
-    sizes: lengths of those whose first bytes tell it."""
+    """How a protocol's frames are found: what they begin with, their fields as declared, whether a checksum fits."""
 
     begins: Sequence[bytes]
     fields: Sequence[Sequence[Field]]
     find: Finder
     fits: Callable[[bytes], bool]
-    sizes: Mapping[bytes, int] = MappingProxyType({})
 
     @property
     def rates(self) -> tuple[Column, ...]:
@@ -81,9 +72,8 @@ def _by_start(protocol: Protocol) -> Framing:
         fields = tuple(field for name in names.split() for field in blocks[name])
         layouts[bytes.fromhex(start)] = _binary(protocol, len(start) // 2, fields)
     width = max(map(len, layouts))
-    sizes = {begin: layout.size for begin, layout in layouts.items()}
     find: Finder = lambda buffer, at: layouts.get(buffer[at : at + width])  # noqa: E731
-    return Framing(list(layouts), list(blocks.values()), find, partial(_fits, protocol), sizes)
+    return Framing(list(layouts), list(blocks.values()), find, partial(_fits, protocol))
 
 
 def _by_group(protocol: Protocol) -> Framing:
@@ -267,11 +257,10 @@ _MIRROR = bytes(int(f"{byte:08b}"[::-1], 2) for byte in range(256))
 
 
 class Check(NamedTuple):
-    """A checksum of so many bytes: `left` of a frame is 0 where it fits; `joined` are the parts of its bytes."""
+    """A checksum of so many bytes: `left` of a frame is 0 where it fits."""
 
     size: int
     left: Callable[[bytes], int]
-    joined: np.ufunc = np.add
 
 
 def _crc32(frame: bytes) -> int:
@@ -292,31 +281,10 @@ def _words_last(frame: bytes) -> int:
 
 CHECKS: Mapping[str, Check] = {
     "none": Check(0, lambda _: 0),
-    "crc32": Check(4, _crc32, np.bitwise_xor),
-    "crc16": Check(2, lambda frame: binascii.crc_hqx(frame, 0), np.bitwise_xor),
+    "crc32": Check(4, _crc32),
+    "crc16": Check(2, lambda frame: binascii.crc_hqx(frame, 0)),
     "sum8": Check(1, lambda frame: sum(frame) & 0xFF),
     "sum16": Check(2, lambda frame: (sum(frame[:-2]) - int.from_bytes(frame[-2:], "big")) & 0xFFFF),
     "words_zero": Check(2, lambda frame: sum(struct.unpack(f">{len(frame) // 2}H", frame)) & 0xFFFF),
     "words_last": Check(2, _words_last),
 }
-
-
-def parts_of(check: Check, size: int) -> tuple[int, npt.NDArray[np.uint32]]:
-    """What a frame of `size` zeros leaves over, and what each value of each byte adds to it (size, 256)."""
-    zero = check.left(bytes(size))
-    mask, bits = (1 << 8 * check.size) - 1, np.arange(256)[:, None] >> np.arange(8) & 1
-    ones = [[check.left((1 << 8 * place + bit).to_bytes(size, "little")) for bit in range(8)] for place in range(size)]
-    single = np.array(ones, np.uint32).reshape(size, 8)
-    single = single ^ np.uint32(zero) if check.joined is np.bitwise_xor else single - np.uint32(zero)
-    return zero, check.joined.reduce(np.where(bits, single[:, None, :], np.uint32(0)), axis=2) & np.uint32(mask)
-
-
-def fitting(
-    check: Check, parts: tuple[int, npt.NDArray[np.uint32]], octets: npt.NDArray[np.uint8], begins: npt.NDArray[np.intp]
-) -> npt.NDArray[np.intp]:
-    """Those of the places `begins` (n,) of `octets` from which a frame with these `parts` fits its checksum."""
-    zero, tables = parts
-    left = np.full(begins.size, zero, np.uint32)
-    for place, table in enumerate(tables):
-        check.joined(left, table[octets[place:][begins]], out=left)
-    return np.asarray(begins[left & np.uint32((1 << 8 * check.size) - 1) == 0])

@@ -67,7 +67,6 @@ def adapter_called(name: str, link: str) -> Adapter | None:
 
 
 def adapter_names() -> list[str]:
-    """Every name there is."""
     return sorted({*protocols(), *can_protocols(), *(one.name for one in entry_points(group=GROUP))})
 
 
@@ -140,7 +139,6 @@ class CanSource:
         self._name, self._bus = name, open_bus(name, link)
 
     def receive(self, timeout_s: float | None) -> "list[can.Message]":
-        """As `Source.receive`."""
         import can  # here: it loads what reads MF4, pandas and all, where that is installed
 
         frames = []
@@ -154,7 +152,6 @@ class CanSource:
         return frames
 
     def close(self) -> None:
-        """Give the bus back."""
         self._bus.shutdown()
 
 
@@ -172,14 +169,12 @@ class FileSource:
         self._path = path
 
     def receive(self, timeout_s: float | None) -> bytes:
-        """As `Source.receive`."""
         piece = self._file.read(_PIECE)
         if not piece:
             raise LinkClosed(f"{self._path}: the file ends here")
         return piece
 
     def close(self) -> None:
-        """Close it."""
         self._file.close()
 
 

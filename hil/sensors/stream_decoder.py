@@ -6,15 +6,11 @@ bytes as skipped; the beginning of a frame is then looked for until a checksum f
 
 import math
 import re
-from bisect import bisect_left
-
-import numpy as np
-import numpy.typing as npt
 
 from hil.records.layout import Column
 from hil.sensors.adapter import Sample
 from hil.sensors.declared import Protocol
-from hil.sensors.layouts import CHECKS, Framing, Layout, Reading, fitting, framing_of, parts_of
+from hil.sensors.layouts import Layout, Reading, framing_of
 
 _OWN_COUNT = 256
 """Values of the count that stands for a counter where the sensor has none."""
@@ -42,17 +38,16 @@ class StreamDecoder:
         self.channels = self._framing.rates
         self._columns: dict[str, Column] = {}
         self._held: dict[str, float] = {}
-        self._sieve = Sieve(protocol, self._framing)
+        self._begin = re.compile(b"|".join(map(re.escape, self._framing.begins)))
         self._kept = max(max(map(len, self._framing.begins)) - 1, len(protocol.ends))
         self._rest = b""
         self._count = 0
         self._synchronised = self._begun = False
 
     def feed(self, data: bytes) -> list[Sample]:
-        """As `Adapter.feed`."""
         buffer, at, samples = self._rest + data, 0, []
-        places = Places(self._sieve, buffer)
-        while (begin := places.after(at, sought=not self._synchronised)) is not None:
+        while (found_at := self._begin.search(buffer, at)) is not None:
+            begin = found_at.start()
             if self._synchronised and self._ends and buffer.startswith(self._ends, at):
                 at += len(self._ends)
                 continue
@@ -82,7 +77,6 @@ class StreamDecoder:
         return samples
 
     def complaints(self, status: int) -> list[str]:
-        """As `Adapter.complaints`."""
         return self.protocol.complaints(status)
 
     def _skip(self, between: bytes) -> None:
@@ -117,7 +111,6 @@ class StreamDecoder:
 
     @property
     def has_rates(self) -> bool:
-        """Whether what was heard has an angular rate."""
         return any(name.startswith("rate_") for name in self._columns)
 
     def _counted(self, reading: Reading) -> int:
@@ -129,55 +122,3 @@ class StreamDecoder:
         self.counter_size, self.counter_Hz, self.counts_itself = _OWN_COUNT, 0.0, True
         self._count += 1
         return self._count % self.counter_size
-
-
-MANY = 1 << 15
-"""Bytes from which on it pays to try all places at once."""
-
-
-class Sieve:
-    """Of one protocol; what was worked out for a length of frame is kept."""
-
-    def __init__(self, protocol: Protocol, framing: Framing) -> None:
-        self.begin = re.compile(b"|".join(re.escape(one) for one in framing.begins), re.DOTALL)
-        self._protocol = protocol
-        self._sizes = {begin: size - len(protocol.tail) for begin, size in framing.sizes.items()}
-        self._parts: dict[int, tuple[int, npt.NDArray[np.uint32]]] = {}  # by the length that the checksum covers
-
-    def possible(self, buffer: bytes) -> list[int]:
-        """Places, rising, of all frames whose checksum fits, and of what is not whole yet or tells its length later."""
-        if not self._sizes:
-            return [found.start() for found in self.begin.finditer(buffer)]
-        octets, kept = np.frombuffer(buffer, np.uint8), []
-        check, before = CHECKS[self._protocol.check], self._protocol.check_from
-        for begin, size in self._sizes.items():
-            starts = np.flatnonzero(octets == begin[0])
-            for place, byte in enumerate(begin[1:], 1):
-                starts = starts[starts < octets.size - place]
-                starts = starts[octets[starts + place] == byte]
-            whole = np.searchsorted(starts, octets.size - size, "right")
-            covered = size - before
-            if covered not in self._parts:
-                self._parts[covered] = parts_of(check, covered)
-            kept += [fitting(check, self._parts[covered], octets, starts[:whole] + before) - before, starts[whole:]]
-        places: list[int] = np.sort(np.concatenate(kept)).tolist()
-        return places
-
-
-class Places:
-    """The places of one buffer."""
-
-    def __init__(self, sieve: Sieve, buffer: bytes) -> None:
-        self._sieve, self._buffer = sieve, buffer
-        self._possible: list[int] | None = None
-
-    def after(self, at: int, *, sought: bool) -> int | None:
-        """The next from `at` on where a frame may begin; of what is `sought` in many bytes those are left out whose
-        checksum does not fit."""
-        if sought and self._possible is None and len(self._buffer) - at >= MANY:
-            self._possible = self._sieve.possible(self._buffer)
-        if not sought or self._possible is None:
-            found = self._sieve.begin.search(self._buffer, at)
-            return None if found is None else found.start()
-        place = bisect_left(self._possible, at)
-        return self._possible[place] if place < len(self._possible) else None

