@@ -58,7 +58,6 @@ class Change(NamedTuple):
 
     @property
     def line(self) -> str:
-        """In words."""
         where = f" at {self.cell}" if self.cell else ""
         if not math.isfinite(self.low):
             return f"{self.figure}{where}: {typeset(f'{self.change:+.0%}')} of the runs"
@@ -142,7 +141,6 @@ def _names(table: "pyarrow.Table") -> set[str]:
 
 
 def _by_cell(table: "pyarrow.Table", campaign: Campaign, figures: Sequence[str]) -> Cells:
-    """The rows by the values of the varied keys."""
     wanted = {*_keys(campaign), *figures, "seed", "outcome"}
     found: Cells = defaultdict(list)
     for row in table.select([name for name in table.column_names if name in wanted]).to_pylist():

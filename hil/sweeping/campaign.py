@@ -98,7 +98,6 @@ class Vary(Section):
 
     @property
     def column(self) -> str:
-        """Its name in the results."""
         return self.name or self.key.rpartition(".")[2]
 
     @property
@@ -219,7 +218,6 @@ class Campaign(Section):
 
     @property
     def instruments(self) -> dict[str, Instrument]:
-        """Those that there are, by name."""
         both: dict[str, Instrument | None] = {"table": self.table, "chamber": self.chamber}
         return {name: one for name, one in both.items() if one is not None}
 

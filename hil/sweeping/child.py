@@ -17,7 +17,6 @@ from hil.errors.ending import ExitCode
 
 
 def main() -> int:
-    """Carry out what comes."""
     threading.Thread(target=_end_with, args=(os.getppid(),), daemon=True).start()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)  # whatever else is printed is none of the answers
@@ -35,13 +34,13 @@ def main() -> int:
     sys.excepthook = fault
     from estimator.side_by_side import one_worker_each
     from hil.errors.ending import line_of
-    from hil.sweeping.tasks import Task, carrier_of
+    from hil.sweeping.one_run import carry_out
+    from hil.sweeping.tasks import Task
 
     one_worker_each()
     for line in sys.stdin:
         try:
-            task = Task.from_json(line)
-            answer(done=asdict(carrier_of(task).carry_out(task)))
+            answer(done=asdict(carry_out(Task.from_json(line))))
         except (OSError, MemoryError) as error:  # of this machine: another run would fare no better
             answer(machine=line_of(error))
     return ExitCode.GOOD

@@ -64,7 +64,6 @@ def _levels(one: Vary) -> int:
 
 
 def how_many(campaign: Campaign) -> int:
-    """Runs of a campaign."""
     levels: Sequence[int] = [_levels(one) for one in campaign.vary] if campaign.design.kind == "grid" else ()
     return math.prod(levels) * (campaign.design.points or 1) * campaign.seeds
 

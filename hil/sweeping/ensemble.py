@@ -122,5 +122,4 @@ def _worst(row: dict[str, Any], figure: str, campaign: str) -> Worst:
 
 
 def replay_command(campaign: str, run: int) -> str:
-    """Makes one run again, as a run folder."""
     return f"hil sweep {shlex.quote(campaign)} --only {run}"

@@ -8,7 +8,6 @@ import math
 import re
 import threading
 import time
-from collections.abc import Callable
 from types import TracebackType
 from typing import Annotated, Any, ClassVar, Self
 
@@ -82,7 +81,6 @@ class Table(Instrument):
 
     @property
     def at_rest(self) -> str:
-        """The command that stops it."""
         return self.rest or self.set.format(target=0.0)
 
 
@@ -132,11 +130,11 @@ class Opened:
             raise InputError(f"[{self.name}] read: no number in the answer {answer[:40]!r}; correct the query")
         return float(found.group())
 
-    def bring_to(self, target: float, wait: Callable[[float], None] = time.sleep) -> None:
+    def bring_to(self, target: float) -> None:
         """Set a target and wait until the actual value has stayed there. Raises InputError where it does not."""
         self._moved = True
         self._write(self.declared.set.format(target=target))
-        self._settle(target, self.declared.dwell_s, self.declared.timeout_s, wait)
+        self._settle(target, self.declared.dwell_s, self.declared.timeout_s)
 
     def to_rest(self) -> str:
         """Bring it to rest where it was moved: "" once its actual value says so, else why it may still move."""
@@ -146,14 +144,13 @@ class Opened:
         try:
             self._write(command)
             if isinstance(self.declared, Table):
-                self._settle(0.0, 0.0, max(_REST_S, self.declared.timeout_s), time.sleep)
+                self._settle(0.0, 0.0, max(_REST_S, self.declared.timeout_s))
         except InputError as error:
             return f"the {self.name} may still move: {error}"
         self._moved = False
         return ""
 
     def close(self) -> None:
-        """End the session."""
         with self._lock:
             self._session.close()
 
@@ -164,7 +161,7 @@ class Opened:
             except Exception as error:  # noqa: BLE001
                 raise InputError(f"[{self.name}] {self.declared.resource}: {_words(error)}") from None
 
-    def _settle(self, target: float, dwell_s: float, timeout_s: float, wait: Callable[[float], None]) -> None:
+    def _settle(self, target: float, dwell_s: float, timeout_s: float) -> None:
         end, since = time.monotonic() + timeout_s, math.inf
         while True:
             now, actual = time.monotonic(), self.actual()
@@ -176,7 +173,7 @@ class Opened:
                     f"[{self.name}] timeout_s: {actual:g} after {timeout_s:g} s, expected {target:g} ± "
                     f"{self.declared.tolerance:g} for {dwell_s:g} s"
                 )
-            wait(_POLL_S)
+            time.sleep(_POLL_S)
 
 
 class Watched:
@@ -187,8 +184,8 @@ class Watched:
         failed: why it stopped reading, "" where it did not.
     """
 
-    def __init__(self, instruments: list[Opened], period_s: float = _POLL_S) -> None:
-        self._instruments, self._period_s = instruments, period_s
+    def __init__(self, instruments: list[Opened]) -> None:
+        self._instruments = instruments
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._read, name="instruments")
         self.rows: list[tuple[float, ...]] = []
@@ -209,7 +206,7 @@ class Watched:
             except InputError as error:
                 self.failed = str(error)
                 return
-            if self._end.wait(self._period_s):
+            if self._end.wait(_POLL_S):
                 return
 
 

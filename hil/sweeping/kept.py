@@ -22,7 +22,9 @@ from typing import TYPE_CHECKING, Any, Self, TextIO
 from hil.errors import InputError
 from hil.records.atomic import replacing, write_text
 from hil.records.kind import CAMPAIGN, kind_of
-from hil.sweeping.tasks import Done, Row, Tasks
+from hil.sweeping.columns import schema
+from hil.sweeping.plan import Plan
+from hil.sweeping.tasks import Done, Row
 
 if TYPE_CHECKING:
     import pyarrow
@@ -33,10 +35,10 @@ _LONGEST_JOURNAL = 64 << 20
 class Kept:
     """The folder, open to be added to, by one process at a time."""
 
-    def __init__(self, folder: Path, plan: Tasks, program: str) -> None:
+    def __init__(self, folder: Path, plan: Plan, program: str) -> None:
         self.folder, self.plan, self.program = folder, plan, program
-        self._schema = plan.schema
-        self._per_file = plan.rows_per_file
+        self._schema = schema(plan.campaign)
+        self._per_file = plan.campaign.rows_per_file
         self._waiting: dict[int, Row] = {}
         self._files: set[int] = set()
         self._journal_path = folder / "journal.jsonl"
@@ -45,7 +47,7 @@ class Kept:
 
     @classmethod
     @contextmanager
-    def opened(cls, folder: Path, plan: Tasks, program: str) -> Iterator[Self]:
+    def opened(cls, folder: Path, plan: Plan, program: str) -> Iterator[Self]:
         """Make the folder, or go on in it.  Raises InputError where a run, another campaign, another program or
         another process is at home, or no folder can be made."""
         if (kind := kind_of(folder)) not in ("", CAMPAIGN):
@@ -75,12 +77,10 @@ class Kept:
 
     @property
     def work(self) -> Path:
-        """Where runs are made."""
         return self.folder / "work"
 
     @property
     def missing(self) -> int:
-        """How many runs are still to be made."""
         return sum(1 for _ in self.to_do())
 
     def to_do(self) -> Iterator[int]:
@@ -127,7 +127,7 @@ class Kept:
     def _require_same(self) -> None:
         told = {
             "version": 2,  # of 1, angle_u_rad was the expanded uncertainty
-            "name": self.plan.name,
+            "name": self.plan.campaign.name,
             "runs": len(self.plan),
             "campaign": self.plan.fingerprint,
             "program": self.program,
@@ -172,7 +172,6 @@ class Kept:
             self._write_if_full(file)
 
     def table(self) -> "pyarrow.Table":
-        """All rows that there are, in order."""
         return read_rows(self.folder, self._schema, map(self._row, self._waiting))
 
 

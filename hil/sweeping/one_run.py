@@ -41,13 +41,6 @@ if TYPE_CHECKING:
 _SIGMAS = 4.0  # of the deviation at the end, within which the rate counts as converged
 
 
-def program() -> str:
-    """As `hil.sweeping.program` has it."""
-    from hil.sweeping.program import program_digest
-
-    return program_digest()
-
-
 def carry_out(task: Task) -> Done:
     """Do a task of `hil.sweeping.plan`; what a run may come to is in its row.
 
@@ -133,7 +126,6 @@ def _made(declared: Bench, scenario: Path, folder: Path, options: Mapping[str, A
 
 
 def digest_of(capture: Path) -> str:
-    """SHA-256 of a file."""
     with capture.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
@@ -228,15 +220,7 @@ def _bound(run: RunFolder, truth: Truth, bench: Bench, scenario: str) -> Row:
 
     hidden = tomllib.loads(scenario).get("effect", [])
     coefficients = {symbol: float(value) for one in hidden for symbol, value in one.items() if symbol != "name"}
-    found = least_deviation(run, truth, bench, coefficients)
-    if found is None:
-        return {}
-    return {
-        "bound_rate_rms_rad_s": found.rate_rms,
-        "bound_rate_end_rad_s": found.rate_end,
-        "bound_pattern_rms_rad": found.pattern_rms,
-        "bound_pattern_end_rad": found.pattern_end,
-    }
+    return least_deviation(run, truth, bench, coefficients)
 
 
 def _sheet(run: RunFolder, figures: Sequence[str]) -> Row:

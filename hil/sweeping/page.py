@@ -50,7 +50,6 @@ def write_report(plan: Plan, folder: Path, table: "pyarrow.Table") -> Path:
 
 
 def render(plan: Plan, folder: Path, table: "pyarrow.Table") -> str:
-    """The page as text."""
     figure = plan.campaign.report.figure
     found = dependence(plan, table, figure)
     worst = worst_of(table, figure, plan.campaign.report.worst, plan.called)

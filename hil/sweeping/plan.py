@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, get_type_hints
+from typing import Any, NamedTuple, get_type_hints
 
 from hil.bench import Bench, examples, load_bench, make_way
 from hil.errors import InputError
@@ -20,10 +20,6 @@ from hil.sweeping.design import Table, parts_of, plain, put, value_at
 from hil.sweeping.tasks import Row, Task
 from hil.toml.reading import parse_table, read_table, suggestion, toml_key, toml_value
 
-if TYPE_CHECKING:
-    import pyarrow
-
-_CARRIER = "hil.sweeping.one_run"
 _SEED = "bench.loop.seed"
 _OF_THE_REQUEST = [name for name in get_type_hints(RunOptions) if name not in OF_THE_LOOP]
 _LOCKSTEP = {"bench.loop.clock": "lockstep"}
@@ -55,28 +51,6 @@ class Plan:
         return design.how_many(self.campaign)
 
     @property
-    def name(self) -> str:
-        """Of the campaign."""
-        return self.campaign.name
-
-    @property
-    def rows_per_file(self) -> int:
-        """Of the results."""
-        return self.campaign.rows_per_file
-
-    @property
-    def schema(self) -> "pyarrow.Schema":
-        """Of the results."""
-        return figures.schema(self.campaign)
-
-    @property
-    def program(self) -> str:
-        """What makes its runs, as `hil.sweeping.program` has it."""
-        from hil.sweeping.program import program_digest
-
-        return program_digest()
-
-    @property
     def samples(self) -> int:
         """Of a run, where neither length nor sample rate is varied."""
         return round(float(self.bench["loop"]["duration_s"]) * float(self.bench["device"]["sample_rate_Hz"]))
@@ -100,7 +74,6 @@ class Plan:
         return Planned(number, point, repeat, int(seed), values)
 
     def runs(self) -> Iterator[Planned]:
-        """All of them in order."""
         return (self.run(number) for number in range(len(self)))
 
     def _value(self, one: Vary, share: float) -> Any:
@@ -156,7 +129,7 @@ class Plan:
             "run": self.campaign.run.model_dump(include=set(_OF_THE_REQUEST)),
             "trace": self.campaign.trace.model_dump(exclude_unset=True),
         }
-        return Task(number, _CARRIER, what, scratch)
+        return Task(number, what, scratch)
 
     def require_sound(self) -> None:
         """Have the emulator read the first run's scenario: a key that it does not know is told before anything is

@@ -13,7 +13,8 @@ from contextlib import suppress
 from typing import Any
 
 from hil.errors import InputError
-from hil.sweeping.tasks import Done, Task, carrier_of
+from hil.sweeping.program import program_digest
+from hil.sweeping.tasks import Done, Task
 
 _ONE_THREAD = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
 """A sum over threads is rounded otherwise with every number of them, and processes side by side need one each."""
@@ -101,13 +102,11 @@ def carry_out_here(task: str) -> str:
     """
     if not hasattr(_here, "process"):
         _here.process = RunProcess()
-    handed = Task.from_json(task)
-    done = _here.process.carry_out(handed)
-    return json.dumps({"run": done.run, "row": done.row, "wall": done.wall, "program": carrier_of(handed).program()})
+    done = _here.process.carry_out(Task.from_json(task))
+    return json.dumps({"run": done.run, "row": done.row, "wall": done.wall, "program": program_digest()})
 
 
 def cores() -> int:
-    """Processors that this process may use."""
     return len(os.sched_getaffinity(0))
 
 

@@ -3,7 +3,6 @@
 import time
 from collections import deque
 from collections.abc import Iterator
-from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +11,8 @@ from hil.progress import Progress, Watcher
 from hil.sweeping import cluster, process
 from hil.sweeping.kept import Kept
 from hil.sweeping.plan import Plan
-from hil.sweeping.tasks import Done, Tasks
+from hil.sweeping.program import program_digest
+from hil.sweeping.tasks import Done
 
 _PACE = 200
 """The time left goes by the pace of the last so many runs."""
@@ -33,7 +33,7 @@ class Swept(NamedTuple):
 
 
 def sweep(
-    plan: Tasks,
+    plan: Plan,
     folder: Path,
     *,
     workers: int | None = None,
@@ -52,7 +52,7 @@ def sweep(
         cluster.require_address(scheduler)
     began = time.monotonic()
     made = 0
-    with Kept.opened(folder, plan, plan.program) as kept:
+    with Kept.opened(folder, plan, program_digest()) as kept:
         total = len(plan)
         there = total - kept.missing
         pace = _Pace(total - there)
@@ -64,8 +64,7 @@ def sweep(
         try:
             if there == 0:
                 plan.require_sound()
-            made_by = partial(_on_the_bench, arm=arm) if _has_instruments(plan) else _done
-            for done in made_by(kept, plan, workers, scheduler, say) if there < total else ():
+            for done in _done(kept, workers, scheduler, say, arm=arm) if there < total else ():
                 if kept.add(done):
                     made += 1
                     progress(Progress("runs", there + made, total, left_s=pace.left_s()))
@@ -76,28 +75,20 @@ def sweep(
     return Swept(folder, total, made, time.monotonic() - began)
 
 
-def _done(kept: Kept, plan: Tasks, workers: int | None, scheduler: str | None, say: "cluster.Say") -> Iterator[Done]:
+def _done(kept: Kept, workers: int | None, scheduler: str | None, say: "cluster.Say", *, arm: bool) -> Iterator[Done]:
+    plan = kept.plan
+    if plan.campaign.instruments:
+        from hil.sweeping.with_instruments import carry_out_all
+
+        if scheduler is not None or (workers or 1) > 1:
+            raise InputError("--workers: one board with its table or chamber makes one run at a time; leave it out")
+        return carry_out_all(plan, list(kept.to_do()), kept.folder, arm=arm)
     if scheduler is None:
         tasks = (plan.task(number, str(kept.work)) for number in list(kept.to_do()))
         return process.carry_out_all(tasks, workers or process.cores())
     return cluster.carry_out_all(
-        lambda: (plan.task(number) for number in list(kept.to_do())), plan.program, scheduler, say
+        lambda: (plan.task(number) for number in list(kept.to_do())), kept.program, scheduler, say
     )
-
-
-def _has_instruments(plan: Tasks) -> bool:
-    return isinstance(plan, Plan) and bool(plan.campaign.instruments)
-
-
-def _on_the_bench(
-    kept: Kept, plan: Tasks, workers: int | None, scheduler: str | None, _: "cluster.Say", *, arm: bool
-) -> Iterator[Done]:
-    from hil.sweeping.with_instruments import carry_out_all
-
-    assert isinstance(plan, Plan)
-    if scheduler is not None or (workers or 1) > 1:
-        raise InputError("--workers: one board with its table or chamber makes one run at a time; leave it out")
-    return carry_out_all(plan, list(kept.to_do()), kept.folder, arm=arm)
 
 
 class _Pace:
