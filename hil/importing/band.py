@@ -52,7 +52,6 @@ class Band:
 
     @property
     def rate_after_Hz(self) -> float:
-        """Sampling rate behind it."""
         return self.rate_Hz / self.decimate
 
     def filtered(self, values: Floats) -> Floats:

@@ -55,7 +55,6 @@ class PackagedSource(ArraySource):
             raise InputError(f"{path}: the package that reads {path.suffix} files cannot: {error}") from error
 
     def read(self, wanted: Sequence[Wanted], selection: Selection) -> Table:
-        """Those columns; errors name the file."""
         try:
             return super().read(wanted, selection)
         except InputError as error:
@@ -63,7 +62,6 @@ class PackagedSource(ArraySource):
             raise InputError(told if told.startswith(self.called) else f"{self.called}: {told}") from None
 
     def place(self, row: int, column: str) -> str:
-        """File, row from 1 and column."""
         return f"{self.called}: row {row + 1}: column {column}"
 
 
@@ -201,7 +199,6 @@ def import_from(
     remedies: Remedies | None = None,
     carrier: Carrier | None = None,
 ) -> Imported:
-    """Write the capture of an opened source."""
     given = mapping or PLAIN
     asked = asked_of(source, given, carrier)
     where = {_of_where(source, name): text for name, text in given.where.items()}

@@ -1,11 +1,11 @@
 """The map file (`--map`): how a file or arrays that look different become a record."""
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 
 from hil.importing.band import Band
 from hil.importing.channels import COMPONENTS, OWN, dimension_of, fault_in
@@ -18,7 +18,7 @@ from hil.importing.units import (
     one_spelling,
     require_own_unit,
 )
-from hil.records.capture import Hold
+from hil.records.capture import DRIVE_UNITS, Hold
 from hil.toml.reading import read_toml
 
 Mark = Annotated[str, Field(min_length=1, max_length=1)]
@@ -116,40 +116,16 @@ class Time(Source):
     )
 
 
+def _with_channels(body: "type[Columns]") -> "type[Columns]":
+    drives = (f"{axis}_{unit}" for axis in ("ux", "uy") for unit in DRIVE_UNITS)
+    names = ("vx_V", "vy_V", *OWN, "base", *drives, "rate_rad_s", "temp_C", *COMPONENTS, "carrier_Hz")
+    fields: dict[str, Any] = {"t_s": (Time | None, None)} | dict.fromkeys(names, (Source | None, None))
+    return create_model("Columns", __base__=body, __module__=body.__module__, __doc__=body.__doc__, **fields)
+
+
+@_with_channels
 class Columns(_Table):
     """The channels of the record and their sources."""
-
-    t_s: Time | None = None
-    vx_V: Source | None = None
-    vy_V: Source | None = None
-    vx: Source | None = None
-    vy: Source | None = None
-    base: Source | None = None
-    ux_mps2: Source | None = None
-    ux_N: Source | None = None
-    ux_V: Source | None = None
-    uy_mps2: Source | None = None
-    uy_N: Source | None = None
-    uy_V: Source | None = None
-    rate_rad_s: Source | None = None
-    temp_C: Source | None = None
-    vx_i_V: Source | None = None
-    vx_q_V: Source | None = None
-    vy_i_V: Source | None = None
-    vy_q_V: Source | None = None
-    ux_i_mps2: Source | None = None
-    ux_q_mps2: Source | None = None
-    uy_i_mps2: Source | None = None
-    uy_q_mps2: Source | None = None
-    ux_i_N: Source | None = None
-    ux_q_N: Source | None = None
-    uy_i_N: Source | None = None
-    uy_q_N: Source | None = None
-    ux_i_V: Source | None = None
-    ux_q_V: Source | None = None
-    uy_i_V: Source | None = None
-    uy_q_V: Source | None = None
-    carrier_Hz: Source | None = None
 
     def given(self) -> dict[str, Source]:
         """Channels that have a source, in the order of the interchange file."""
@@ -245,12 +221,11 @@ class RecordMap(_Table):
             parts = [source.column, *(addend.column for addend in getattr(source, "add", ()))]
             if not self.header and any(isinstance(column, str) for column in parts):
                 raise ValueError(f"[columns.{channel}] column: the file has no header; give a position from 1")
-        if self.columns is not None and self.columns.t_s is not None:
-            for addend in self.columns.t_s.add:
-                try:
-                    factor_and_addition("s", addend.unit)
-                except ValueError as error:
-                    raise ValueError(f"[columns.t_s] add: {error}") from None
+        for addend in getattr(channels.get("t_s"), "add", ()):
+            try:
+                factor_and_addition("s", addend.unit)
+            except ValueError as error:
+                raise ValueError(f"[columns.t_s] add: {error}") from None
         self._require_base(channels)
 
     def _require_base(self, channels: dict[str, Source]) -> None:
@@ -292,9 +267,13 @@ class RecordMap(_Table):
         return band
 
     @property
+    def channels(self) -> dict[str, Source]:
+        """Channels that have a source; none without [columns]."""
+        return {} if self.columns is None else self.columns.given()
+
+    @property
     def is_demodulated(self) -> bool:
-        """Whether its columns are of demodulated streams."""
-        return self.columns is not None and bool(self.columns.given().keys() & {*COMPONENTS, "carrier_Hz"})
+        return bool(self.channels.keys() & {*COMPONENTS, "carrier_Hz"})
 
     @property
     def needs_time(self) -> bool:
@@ -304,22 +283,19 @@ class RecordMap(_Table):
     @property
     def base_motion(self) -> Motion | None:
         """What the base is given as, where there is one."""
-        if self.columns is None or self.columns.base is None:
-            return None
-        return motion_of(self.columns.base.unit)
+        base = self.channels.get("base")
+        return None if base is None else motion_of(base.unit)
 
     @property
     def sense_unit(self) -> str:
-        """Unit of the sense channels."""
-        own = None if self.columns is None else self.columns.vx
+        own = self.channels.get("vx")
         return "V" if own is None else own.unit
 
     def keys_of_text_given(self) -> list[str]:
         """Those of its keys that say how a text is written."""
         given = [key for key in OF_TEXT if key in self.model_fields_set]
-        channels = {} if self.columns is None else self.columns.given()
         return given + [
-            f"[columns.{name}] thousands" for name, entry in channels.items() if entry.thousands is not None
+            f"[columns.{name}] thousands" for name, entry in self.channels.items() if entry.thousands is not None
         ]
 
 

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from hil.errors import InputError
 from hil.importing.mapping import Name
 from hil.importing.read_back import Exported, exported_in
-from hil.importing.source import Selection, Table, Values, Wanted, kept_rows, numbers
+from hil.importing.source import Selection, Source, Table, Values, Wanted, kept_rows, numbers
 from hil.toml.reading import near_or_all
 
 _PART = re.compile(r"([A-Za-z]\w*)((?:\([^()]*\)|\{[^{}]*\})*)")
@@ -22,11 +22,10 @@ _CAPTURE = "capture"
 
 
 def is_matlab(path: Path) -> bool:
-    """Whether the name says that it is a MATLAB file."""
     return path.suffix.lower() == ".mat"
 
 
-class MatlabSource:
+class MatlabSource(Source):
     """The variables of a file; a column is called as MATLAB would have it: `t`, `log.signals.values(:,2)`."""
 
     kind = "a MATLAB file"
@@ -92,12 +91,7 @@ class MatlabSource:
         return Table(columns, rows + 1, count)
 
     def place(self, row: int, column: str) -> str:
-        """File, variable and entry."""
         return f"{self.path}: variable {column}: entry {row}"
-
-    def advice(self, ordinary: str) -> str:
-        """A MATLAB file has no other structure than its variables."""
-        return ordinary
 
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         from scipy.io import whosmat

@@ -10,7 +10,7 @@ import numpy as np
 from hil.errors import InputError
 from hil.importing.mapping import Name
 from hil.importing.read_back import Exported, exported_in
-from hil.importing.source import Selection, Table, Values, Wanted, kept_rows, numbers, position
+from hil.importing.source import Selection, Source, Table, Values, Wanted, kept_rows, numbers, position
 from hil.importing.time_column import of_arrow
 from hil.records.capture import Hold
 from hil.records.layout import HEADER_KEY
@@ -19,7 +19,6 @@ _MAGIC = b"PAR1"
 
 
 def is_parquet(source: Path) -> bool:
-    """Whether the file is one, by its first bytes."""
     try:
         with source.open("rb") as file:
             return file.read(len(_MAGIC)) == _MAGIC
@@ -27,7 +26,7 @@ def is_parquet(source: Path) -> bool:
         return False
 
 
-class ParquetSource:
+class ParquetSource(Source):
     """The columns of a file; a field of a struct is called `struct.field`."""
 
     kind = "a Parquet file"
@@ -102,12 +101,7 @@ class ParquetSource:
         return Table(columns, rows, count)
 
     def place(self, row: int, column: str) -> str:
-        """File, column and row."""
         return f"{self.path}: column {column}: row {row}"
-
-    def advice(self, ordinary: str) -> str:
-        """Its columns have names and types: nothing else is to be known."""
-        return ordinary
 
     def _time(self, array: Any, one: Wanted) -> Values:
         import pyarrow as pa

@@ -36,11 +36,9 @@ def prepared(
     segments: Mapping[str, tuple[int, int]],
     hold: Hold,
     time: Numbered,
-    mapping: RecordMap | None,
+    mapping: RecordMap,
 ) -> Prepared:
     """What `mapping` asks for, done to channels in SI, `t_s` among them. Raises ValueError with key and remedy."""
-    if mapping is None:
-        return Prepared(dict(channels), dict(segments), time.rate_Hz, {})
     said: list[str] = []
     made = _on_its_base(dict(channels), hold, time, mapping, said)
     told: dict[str, Any] = {"covariates": dict(mapping.covariates)} if mapping.covariates else {}
@@ -54,10 +52,9 @@ def prepared(
 
 
 def _on_its_base(channels: Channels, hold: Hold, time: Numbered, mapping: RecordMap, said: list[str]) -> Channels:
-    motion = mapping.base_motion
-    if motion is None or mapping.columns is None or mapping.columns.base is None:
+    motion, sources = mapping.base_motion, mapping.channels
+    if motion is None:
         return channels
-    source = mapping.columns.base
     if hold == "zoh":
         raise ValueError('hold: a base moves between its samples; "bandlimited" or "foh"')
     values = channels.pop("base")
@@ -69,10 +66,10 @@ def _on_its_base(channels: Channels, hold: Hold, time: Numbered, mapping: Record
         )
     base = Base(channels["t_s"], values, motion.order)
     channels["ux_mps2"] = base.force_mps2
-    given = f"the base's {NAMES[motion.order]}, in {source.unit},"
+    given = f"the base's {NAMES[motion.order]}, in {sources['base'].unit},"
     told = f"the drive is {given} as a force per unit mass: less its acceleration"
     for channel in OWN:
-        own = getattr(mapping.columns, channel)
+        own = sources.get(channel)
         if own is not None and own.frame == "absolute":
             seen = MOTIONS[own.unit]
             channels[channel] = channels[channel] - base.derivative(seen.order) / seen.factor

@@ -69,13 +69,14 @@ class Source(Protocol):
 
     def advice(self, ordinary: str) -> str:
         """The remedy for what does not fit: `ordinary`, or what the file's own structure asks for."""
+        return ordinary
 
 
-def position(name: Name, names: Sequence[str], called: str, what: str = "columns") -> int:
+def position(name: Name, names: Sequence[str], called: str) -> int:
     """The position from 0 of the column called `name`, or the `name`-th. Raises InputError where that is not one."""
     if isinstance(name, int):
         if name > len(names):
-            raise InputError(f"{called}: no column {name}; the file has {len(names)} {what}")
+            raise InputError(f"{called}: no column {name}; the file has {len(names)} columns")
         return name - 1
     if name not in names:
         raise InputError(f"{called}: no column {name!r}; {near_or_all(name, names)}")
@@ -103,7 +104,6 @@ def kept_rows(source: Source, columns: Mapping[int, Values], count: int, selecti
 
 
 def among(selection: Selection) -> str:
-    """What was asked for, in words."""
     told = "" if selection.rows is None else " in rows [{}, {})".format(*selection.rows)
     if selection.where:
         told += " where " + ", ".join(
@@ -152,7 +152,7 @@ def numbers(
     return made
 
 
-class ArraySource:
+class ArraySource(Source):
     """Arrays (n,) by name."""
 
     kind = "arrays"
@@ -163,11 +163,9 @@ class ArraySource:
 
     @property
     def names(self) -> Sequence[str]:
-        """As given."""
         return list(self._columns)
 
     def locate(self, name: Name) -> int:
-        """The position of a column from 0."""
         return position(name, self.names, self.called)
 
     def read(self, wanted: Sequence[Wanted], selection: Selection) -> Table:
@@ -192,12 +190,7 @@ class ArraySource:
         return Table(columns, rows, count)
 
     def place(self, row: int, column: str) -> str:
-        """Array and index."""
         return f"{column}[{row}]"
-
-    def advice(self, ordinary: str) -> str:
-        """Arrays have no structure to be found out."""
-        return ordinary
 
 
 def _array(name: str, given: npt.ArrayLike, is_time: bool) -> Values:

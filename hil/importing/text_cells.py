@@ -33,7 +33,6 @@ class Cells:
         self._missing_numbers = {code for code in missing if not isinstance(code, str)}
 
     def is_left_out(self, line: str) -> bool:
-        """Whether a line is blank or a comment."""
         return not line.strip() or (self.comment is not None and line.lstrip().startswith(self.comment))
 
     def of(self, line: str) -> list[str]:
@@ -130,7 +129,6 @@ def _grouped(thousands: str, decimal: str) -> re.Pattern[str]:
 
 
 def shown(cell: str) -> str:
-    """A cell in a message."""
     return repr(cell if len(cell) <= 24 else cell[:24] + "…")
 
 

@@ -9,7 +9,7 @@ from typing import IO
 
 from hil.errors import InputError
 
-_PIECE_BYTES = 1 << 22
+_PIECE_BYTES, _BEGINNING = 1 << 22, 1 << 16
 _GZIP_MAGIC = b"\x1f\x8b"
 _LONGEST_LINE = 1 << 22
 _UNPACKED_BYTES, _RATIO = 1 << 28, 200
@@ -69,10 +69,10 @@ def pieces(path: Path, encoding: str) -> Iterator[str]:
                 return
 
 
-def beginning_of(path: Path, encoding: str, most: int = 1 << 16) -> str:
+def beginning_of(path: Path, encoding: str) -> str:
     """The first whole lines of a text, or what there is of them."""
     text = next(pieces(path, encoding), "")
-    return text if len(text) <= most else text[: text.rfind("\n", 0, most) + 1] or text
+    return text if len(text) <= _BEGINNING else text[: text.rfind("\n", 0, _BEGINNING) + 1] or text
 
 
 def _is_zipped(path: Path) -> bool:

@@ -32,7 +32,6 @@ class TextSource:
 
     @property
     def is_mapped(self) -> bool:
-        """Whether a map was given."""
         return self._mapping.columns is not None or bool(self._mapping.model_fields_set - {"hold"})
 
     def locate(self, name: Name) -> int:
@@ -57,7 +56,6 @@ class TextSource:
         return read.table()
 
     def place(self, row: int, column: str) -> str:
-        """File, line and column."""
         return f"{self.path}:{row}: column {column}"
 
     def header_again(self, cells: Sequence[str]) -> str | None:

@@ -32,7 +32,6 @@ class Stamps(NamedTuple):
     date: str | None = None
 
     def plus(self, other: "Stamps") -> "Stamps":
-        """The sum of two columns."""
         start = None if self.start is None or other.start is None else self.start + other.start
         moving = [one.digit for one in (self, other) if one.elapsed.any()]
         return Stamps(self.elapsed + other.elapsed, start, min(moving, default=0.0))

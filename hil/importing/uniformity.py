@@ -71,21 +71,17 @@ class Numbered(NamedTuple):
 
     @property
     def lost(self) -> int:
-        """How many samples are missing."""
         return int(self.tick[-1]) + 1 - self.tick.size
 
     @property
     def gaps(self) -> int:
-        """In how many places."""
         return int(np.count_nonzero(np.diff(self.tick) > 1))
 
     def missing(self) -> str:
-        """What is missing, in words."""
         return missing(self.lost, self.gaps)
 
     @property
     def mostly_lost(self) -> bool:
-        """Whether more is missing than there is."""
         return self.lost > self.tick.size
 
 
