@@ -9,8 +9,7 @@ with bench.board("drift over night") as board:
     for frame in bench.stream(["estimates.angle_rad"], window_s=60): ...
 """
 
-from hil.client.board import Board
-from hil.client.service import Service, connect
+from hil.client.service import Board, Service, connect
 from hil.records.frame import Frame
 
 __all__ = ["Board", "Frame", "Service", "connect"]

@@ -40,9 +40,10 @@ class Requests:
             line = f"{method} {path}: {answer.status_code} {answer.reason_phrase}"
         raise InputError(line)
 
-    def json(self, method: str, path: str, *, lease: str | None = None, **given: Any) -> Any:
-        """The answer's JSON. Raises as `ask`."""
-        return self.ask(method, path, lease=lease, **given).json()
+    def json(self, method: str, path: str, *, lease: str | None = None, **given: Any) -> dict[str, Any]:
+        """The answer's JSON, an object. Raises as `ask`."""
+        answer: dict[str, Any] = self.ask(method, path, lease=lease, **given).json()
+        return answer
 
     def close(self) -> None:
         """No more requests."""

@@ -1,14 +1,17 @@
-"""A bench service as an object."""
+"""A bench service as an object, and its board for the holder of the lease."""
 
+import getpass
+import socket
 import tempfile
+import threading
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Self, Unpack
 
 from hil.characterising.options import CharacteriseOptions
-from hil.client.board import Board
 from hil.client.remote_run import RemoteRun
 from hil.client.requests import Requests, Stream, found
 from hil.errors import InputError
@@ -28,6 +31,9 @@ if TYPE_CHECKING:
 
 AnyRun = RemoteRun | str
 _LOOK_S = 0.2
+_LEASE_S = 30.0
+_RENEW_S = 10.0
+_CATALOGUE_S = 20.0
 
 
 def connect(
@@ -124,11 +130,9 @@ class Service:
         self, run: "AnyRun | Sequence[AnyRun]", bench: str | None = None, **options: Unpack[TraceOptions]
     ) -> dict[str, Any]:
         """A trace of a run's record, or of several together, made by the service: its diagnosis."""
-        runs = [_id(one) for one in run] if isinstance(run, list | tuple) else _id(run)  # type: ignore[arg-type]
         asked = {} if bench is None else {"bench": bench}
-        row = self.job("trace", run=runs, **asked, **body_of(TraceOptions, options))
-        answer: dict[str, Any] = self.requests.json("GET", f"/api/runs/{row['result']['run']}/diagnosis")
-        return answer
+        row = self.job("trace", run=_ids(run), **asked, **body_of(TraceOptions, options))
+        return self.requests.json("GET", f"/api/runs/{row['result']['run']}/diagnosis")
 
     @takes(ReplayOptions)
     def replay(
@@ -149,9 +153,8 @@ class Service:
         self, run: "AnyRun | Sequence[AnyRun]", bench: str | None = None, **options: Unpack[CharacteriseOptions]
     ) -> dict[str, Any]:
         """The figures of a data sheet from runs of one device, by the service."""
-        runs = [_id(one) for one in run] if isinstance(run, list | tuple) else _id(run)  # type: ignore[arg-type]
         asked = {} if bench is None else {"bench": bench}
-        row = self.job("characterise", run=runs, **asked, **body_of(CharacteriseOptions, options))
+        row = self.job("characterise", run=_ids(run), **asked, **body_of(CharacteriseOptions, options))
         sheet: dict[str, Any] = row["result"]["sheet"]
         return sheet
 
@@ -167,20 +170,18 @@ class Service:
         """The constants of an emulated board by an experiment of the service, or of a device by its runs: `found` is as
         identified.json, `bench` the name of the bench file, that of `save` where the board is as it says.
         """
-        runs = [_id(one) for one in run] if isinstance(run, list | tuple) else _id(run)  # type: ignore[arg-type]
-        given = {"link": link, "run": runs, "save": save}
+        given = {"link": link, "run": _ids(run), "save": save}
         asked = {name: value for name, value in given.items() if value is not None} | body_of(IdentifyOptions, options)
         result: dict[str, Any] = self.job("identify", **asked)["result"]
         return result
 
     def diff(self, a: RemoteRun | str, b: RemoteRun | str) -> dict[str, Any]:
         """Two runs side by side."""
-        answer: dict[str, Any] = self.requests.json("GET", "/api/compare", params={"a": _id(a), "b": _id(b)})
-        return answer
+        return self.requests.json("GET", "/api/compare", params={"a": _id(a), "b": _id(b)})
 
     def job(self, kind: str, **asked: Any) -> dict[str, Any]:
         """A job, to its end: its row. Raises InputError where it failed or was cancelled."""
-        row: dict[str, Any] = self.requests.json("POST", "/api/jobs", json={"kind": kind, **asked})
+        row = self.requests.json("POST", "/api/jobs", json={"kind": kind, **asked})
         while row["state"] in ("queued", "running"):
             time.sleep(_LOOK_S)
             row = self.requests.json("GET", f"/api/jobs/{row['id']}")
@@ -190,7 +191,7 @@ class Service:
 
     def devices(self) -> list[dict[str, Any]]:
         """The devices whose runs are there."""
-        devices: list[dict[str, Any]] = self.requests.json("GET", "/api/devices")
+        devices: list[dict[str, Any]] = self.requests.ask("GET", "/api/devices").json()
         return devices
 
     # -- the board -----------------------------------------------------------------------------------------------------
@@ -198,15 +199,13 @@ class Service:
     @property
     def state(self) -> dict[str, Any]:
         """What is known of the board."""
-        answer: dict[str, Any] = self.requests.json("GET", "/api/board")
-        return answer
+        return self.requests.json("GET", "/api/board")
 
     def safe(self) -> dict[str, Any]:
         """Bring the board to SAFE, whatever client has it; returns whether it has confirmed."""
-        answer: dict[str, Any] = self.requests.json("POST", "/api/board/safe")
-        return answer
+        return self.requests.json("POST", "/api/board/safe")
 
-    def board(self, purpose: str = "", *, holder: str | None = None, wait: bool = False) -> Board:
+    def board(self, purpose: str = "", *, holder: str | None = None, wait: bool = False) -> "Board":
         """The board, for a `with`: its lease is kept for as long. With `wait` the queue is stood in."""
         return Board(self, purpose, holder, wait=wait)
 
@@ -239,5 +238,121 @@ class Service:
         self.close()
 
 
+def _ids(run: "AnyRun | Sequence[AnyRun]") -> str | list[str]:
+    return [_id(one) for one in run] if isinstance(run, list | tuple) else _id(run)  # type: ignore[arg-type]
+
+
 def _id(run: RemoteRun | str | Mapping[str, Any]) -> str:
     return run if isinstance(run, str) else run.id if isinstance(run, RemoteRun) else str(run["id"])
+
+
+class Started:
+    """A run that lasts; `id` is its name."""
+
+    def __init__(self, service: Service, run: str) -> None:
+        self._service = service
+        self.id = run
+
+    def finished(self) -> RemoteRun:
+        """The run, once its figures and report are made."""
+        while (state := self._service.state)["run"] == self.id:
+            time.sleep(_LOOK_S)
+        if state["last_run"] != self.id:
+            raise InputError(f"{self.id}: {state['words'] or 'nothing was recorded'}")
+        end = time.monotonic() + _CATALOGUE_S
+        while True:
+            try:
+                self._service.requests.ask("GET", f"/api/runs/{self.id}")
+                return self._service.load(self.id)
+            except InputError:  # the catalogue has not come to it yet
+                if time.monotonic() > end:
+                    raise
+                time.sleep(_LOOK_S)
+
+
+class Board:
+    """Inside its `with` the lease is renewed by a thread; it ends with it, or half a minute after this process."""
+
+    def __init__(self, service: Service, purpose: str, holder: str | None, *, wait: bool) -> None:
+        self._service = service
+        self._asked = {
+            "holder": holder or f"{getpass.getuser()} at {socket.gethostname()}",
+            "purpose": purpose,
+            "seconds": _LEASE_S,
+            "wait": wait,
+        }
+        self._lease = ""
+        self._ended = threading.Event()
+        self._renewer: threading.Thread | None = None
+
+    def __enter__(self) -> Self:
+        requests = self._service.requests
+        taken = requests.json("POST", "/api/lease", json=self._asked)
+        self._lease = taken["lease"]
+        while taken["place"]:
+            time.sleep(1.0)
+            taken = requests.json("PUT", "/api/lease", lease=self._lease)
+        self._renewer = threading.Thread(target=self._renew, daemon=True)
+        self._renewer.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        assert self._renewer is not None
+        self._renewer.join()
+        with suppress(InputError):
+            self._service.requests.ask("DELETE", "/api/lease", lease=self._lease)
+
+    def connect(self, link: str, bench: str | None = None) -> dict[str, Any]:
+        """Look at the board at `link`; nothing is armed. `bench` is one of the service's bench files."""
+        return self._ask("POST", "connect", {"link": link, "bench": bench})
+
+    def disconnect(self) -> dict[str, Any]:
+        """Let it go."""
+        return self._ask("POST", "disconnect", None)
+
+    @takes(RunOptions)
+    def start(
+        self,
+        bench: "Bench | Path | str | None" = None,
+        *,
+        arm: bool = False,
+        settings: Mapping[str, float] = MappingProxyType({}),
+        **options: Unpack[RunOptions],
+    ) -> Started:
+        """Begin a run; `arm` is the consent to arming. `bench`: one of the service's by its name, a file here, or a
+        `Bench`; `settings`: as of `settings`, before it begins.
+        """
+        asked = {**_named(bench), "consent": arm, "settings": dict(settings), **body_of(RunOptions, options)}
+        said = self._ask("POST", "start", asked)
+        return Started(self._service, said["run"])
+
+    def settings(self, **changed: float) -> dict[str, Any]:
+        """Change target_stiffness, amplitude, virtual_rotation or dither; says what acts at once."""
+        return self._ask("PATCH", "settings", changed)
+
+    def stop(self) -> dict[str, Any]:
+        """End the run: SAFE, the record closed."""
+        return self._ask("POST", "stop", None)
+
+    def _ask(self, method: str, what: str, body: dict[str, Any] | None) -> dict[str, Any]:
+        given = {} if body is None else {"json": body}
+        return self._service.requests.json(method, f"/api/board/{what}", lease=self._lease, **given)
+
+    def _renew(self) -> None:
+        while not self._ended.wait(_RENEW_S):
+            with suppress(InputError):  # of a service that does not answer: it may again
+                self._service.requests.ask("PUT", "/api/lease", lease=self._lease)
+
+
+def _named(bench: "Bench | Path | str | None") -> dict[str, str]:
+    """A bench as a request has it: by name, or its text."""
+    if bench is None:
+        return {}
+    if isinstance(bench, str | Path):
+        if not Path(bench).is_file():
+            return {"bench": str(bench)}
+        return {"bench_toml": Path(bench).read_text(encoding="utf-8")}
+    from hil.bench.template import template, values_of
+
+    return {"bench_toml": template(values_of(bench), "")}
