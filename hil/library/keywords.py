@@ -84,21 +84,6 @@ def in_arguments_of(function: Callable[..., Any]) -> Iterator[None]:
         raise InputError(OPTION.sub(lambda found: _argument(found, known), told), typed=told) from None
 
 
-def renamed(**names: str) -> Callable[[Callable[_Given, _Answer]], Callable[_Given, _Answer]]:
-    """A decorator for a function whose arguments have had other names: an old one is refused with the new one."""
-
-    def around(function: Callable[_Given, _Answer]) -> Callable[_Given, _Answer]:
-        @wraps(function)
-        def called(*args: _Given.args, **given: _Given.kwargs) -> _Answer:
-            if (old := next((name for name in names if name in given), None)) is not None:
-                raise InputError(f"{old}: this argument is called {names[old]} now; give {names[old]}={given[old]!r}")
-            return function(*args, **given)
-
-        return called
-
-    return around
-
-
 def _argument(found: re.Match[str], known: tuple[str, ...]) -> str:
     """The argument for an option: that of its name, or the only one that begins with it, as `duration_s` does with
     `--duration`.  One that begins the line, `--out: …`, is the place itself.

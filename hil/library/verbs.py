@@ -20,7 +20,7 @@ from hil.identifying.options import LocalIdentifyOptions
 from hil.importing.options import ImportOptions, LocalImportOptions
 from hil.library.campaign import Sweep
 from hil.library.given import AnyBench, Record, Records, bench_for, captured, observed_bench_for
-from hil.library.keywords import in_arguments_of, renamed, said_of_arguments, takes
+from hil.library.keywords import in_arguments_of, said_of_arguments, takes
 from hil.library.live import Live
 from hil.library.loading import AttitudeRun, Run, Trace, folder_of, load_trace
 from hil.progress import Watcher, alarms_only
@@ -221,7 +221,6 @@ class ArrayTraceOptions(TraceOptions, ImportOptions, total=False):
 
 
 @said_of_arguments
-@renamed(force="missing_force")
 @takes(ArrayTraceOptions)
 def trace(
     record: Records,
