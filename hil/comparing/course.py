@@ -112,7 +112,6 @@ class Judge:
         return course.tick / self.rate_Hz, self._from_start(course.tick, course.angle - true)
 
     def row(self, course: MethodCourse, reference: Reference | None) -> MethodRow:
-        """The figures of a course."""
         seconds = course.tick / self.rate_Hz
         scored = seconds >= self.from_s
         if np.count_nonzero(scored) < 2:
@@ -126,7 +125,7 @@ class Judge:
             angle_rad=finite(course.angle[scored][-1] - course.angle[scored][0]),
             angle_u_rad=None if course.angle_u is None else finite(course.angle_u),
             angle_expanded_rad=None if course.angle_u is None else finite(COVERAGE * course.angle_u),
-            rate_expanded_rad_s=None if course.rate_sd is None else finite(COVERAGE * _rms(course.rate_sd[scored])),
+            rate_expanded_rad_s=None if course.rate_sd is None else finite(COVERAGE * rms(course.rate_sd[scored])),
             stiffness_expanded=self._deviation(course, STIFFNESS, self._k),
             cost_us=course.cost_us,
             remark=course.remark,
@@ -145,11 +144,11 @@ class Judge:
         mean = 0.5 * (damping["dxx"] + damping["dyy"]) if damping else None
         return row.model_copy(
             update={
-                "angle_error_rms_rad": finite(_rms(error[scored])),
+                "angle_error_rms_rad": finite(rms(error[scored])),
                 "angle_error_max_rad": finite(np.max(np.abs(error[scored]))),
                 "rate_error_rms_rad_s": None
                 if course.rate is None
-                else finite(_rms((course.rate - reference.at(course.tick)[1])[scored])),
+                else finite(rms((course.rate - reference.at(course.tick)[1])[scored])),
                 "stiffness_error": _parameter_error(course, reference, STIFFNESS, self._k),
                 "damping_error": _parameter_error(course, reference, DAMPING, mean),
                 "damping_expanded": self._deviation(course, DAMPING, mean),
@@ -169,7 +168,7 @@ class Judge:
     @staticmethod
     def _deviation(course: MethodCourse, names: tuple[str, ...], unit: float | None) -> float | None:
         found = [course.deviations[name] for name in names if name in course.deviations]
-        return finite(COVERAGE * _rms(np.array(found)) / unit) if found and unit else None
+        return finite(COVERAGE * rms(np.array(found)) / unit) if found and unit else None
 
 
 def _parameter_error(
@@ -178,7 +177,7 @@ def _parameter_error(
     known = [name for name in names if name in course.parameters and name in reference.parameters]
     if not known or not unit:
         return None
-    return finite(_rms(np.array([course.parameters[n] - reference.parameters[n] for n in known])) / unit)
+    return finite(rms(np.array([course.parameters[n] - reference.parameters[n] for n in known])) / unit)
 
 
 def _last(bad: npt.NDArray[np.bool_]) -> int:
@@ -187,7 +186,7 @@ def _last(bad: npt.NDArray[np.bool_]) -> int:
     return int(found[-1]) + 1 if found.size else 0
 
 
-def _rms(values: Floats) -> float:
+def rms(values: Floats) -> float:
     with np.errstate(all="ignore"):
         return float(np.sqrt(np.mean(np.square(values))))
 
@@ -205,12 +204,10 @@ class Given:
 
     @property
     def device(self) -> Device:
-        """What the data sheet declares."""
         return recorded_device_of(self.bench, self.captured)
 
     @property
     def settings(self) -> ObserverSettings:
-        """The bench's observer."""
         return observer_settings_of(self.bench)
 
     @property
@@ -225,7 +222,6 @@ class Given:
 
     @property
     def streams(self) -> bool:
-        """Whether it is of demodulated streams."""
         return self.captured.carrier_Hz is not None
 
     @cached_property
@@ -245,7 +241,6 @@ class Given:
 
     @property
     def seconds(self) -> float:
-        """Length in bench time."""
         return len(self.samples.tick) / self.device.sample_rate
 
 

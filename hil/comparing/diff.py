@@ -38,7 +38,6 @@ class Figure:
 
     @property
     def difference(self) -> float | None:
-        """b − a."""
         return None if self.a is None or self.b is None else self.b - self.a
 
     @property
@@ -72,7 +71,6 @@ class Key:
     b: Any
 
     def as_json(self) -> dict[str, Any]:
-        """In JSON values."""
         return {"key": self.name, "a": _plain(self.a), "b": _plain(self.b)}
 
 
@@ -90,7 +88,6 @@ class Comparison:
     bench: tuple[Key, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """As `hil diff --json` prints it."""
         return {
             "kind": self.kind,
             "a": str(self.a),

@@ -19,7 +19,7 @@ from hil.bench.by_verb import of_a_record, require_usable
 from hil.characterising.figures import figures_of
 from hil.characterising.source import Axis, Block
 from hil.comparing import observers
-from hil.comparing.course import DAMPING, STIFFNESS, Given, Judge, MethodCourse, Reference, given, reference_of
+from hil.comparing.course import DAMPING, STIFFNESS, Given, Judge, MethodCourse, Reference, given, reference_of, rms
 from hil.comparing.observers import (
     GAINS,
     STATES,
@@ -99,7 +99,6 @@ class Compared:
 
     @property
     def diverged(self) -> bool:
-        """Whether that observer lost the device."""
         return all(row.diverged_s is not None for row in self.methods.rows if row.name == self.own)
 
 
@@ -177,7 +176,7 @@ def methods_on(
     pattern = None if truth is None else pattern_of(truth, subject.device.target)
     rows = _Rows(judge, progress, pattern)
     for course in recorded:
-        rows.add(course.name, partial(_recorded, course, reference))
+        rows.add(course.name, partial(_beside, partial(replace, course), reference))
     for title, method in _on_record(subject, diagnosis, remarks):
         rows.add(title, partial(_beside, method, reference))
     if link is None:
@@ -223,7 +222,6 @@ class _Rows:
         self._judge, self._progress, self._pattern = judge, progress, pattern
 
     def add(self, name: str, method: Callable[[], tuple[MethodCourse, Reference | None]]) -> None:
-        """Run one."""
         self._progress(Progress(name, 0, 0))
         try:
             course, reference = method()
@@ -245,14 +243,9 @@ def _beside(method: Callable[[], MethodCourse], reference: Reference | None) -> 
     return method(), reference
 
 
-def _recorded(course: MethodCourse, reference: Reference | None) -> tuple[MethodCourse, Reference | None]:
-    return course, reference
-
-
 def _on_record(
     subject: Given, diagnosis: Diagnosis | None, remarks: list[str]
 ) -> list[tuple[str, Callable[[], MethodCourse]]]:
-    """All methods that read the record."""
     bench = subject.bench
     found: list[tuple[str, Callable[[], MethodCourse]]] = []
     if bench.observer.plugin is not None:
@@ -319,16 +312,16 @@ def bound_of(given: Given, truth: Truth) -> MethodRow:
     names = model_for(2)[1].names
 
     def end(wanted: tuple[str, ...]) -> float:
-        return _rms(deviation[-1, [names.index(name) for name in wanted]])
+        return rms(deviation[-1, [names.index(name) for name in wanted]])
 
     constants = truth.constants
     return MethodRow(
         name=BOUND,
         kind="bound",
         record="this",
-        angle_error_rms_rad=_rms(rotation[scored]),
+        angle_error_rms_rad=rms(rotation[scored]),
         angle_error_max_rad=float(np.max(rotation[scored])),
-        rate_error_rms_rad_s=_rms(deviation[scored, names.index("rate")]),
+        rate_error_rms_rad_s=rms(deviation[scored, names.index("rate")]),
         stiffness_error=end(STIFFNESS) / device.target,
         damping_error=end(DAMPING) / (0.5 * (constants["dxx_per_s"] + constants["dyy_per_s"])),
         remark="under the declared noise and random walk of the rate",
@@ -346,7 +339,3 @@ def _states(given: Given, truth: Truth) -> Array:
     named = [f"{name}_per_s2" for name in STIFFNESS] + [f"{name}_per_s" for name in DAMPING]
     each = [np.full(len(tick), constants[n]) if n in constants else truth[n][theirs] for n in named]
     return np.column_stack([motion, *each])
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -52,7 +52,6 @@ class Observed(NamedTuple):
 
 
 def name_of(variant: str, gain: str) -> str:
-    """What a row is called."""
     return f"{STATES[variant]} states, {gain if gain != 'ekf' else 'EKF'}"
 
 
@@ -73,7 +72,6 @@ def rotation_name() -> str:
 
 
 def without_effects(bench: Bench) -> Bench:
-    """The bench without [effects]."""
     return parse_table({**bench.model_dump(), "effects": {}}, Bench, bench.device.name or "bench")
 
 
@@ -187,7 +185,6 @@ class _Level:
         self._seen = 0
 
     def saw(self, estimates: Estimates) -> None:
-        """The next samples."""
         with np.errstate(all="ignore"):
             square = np.mean((estimates.innovation / self._noise) ** 2, axis=1)
         lost = ~np.isfinite(estimates.angle)
@@ -213,7 +210,6 @@ PLUGINS = {
 
 
 def methods(given: Given) -> list[tuple[str, Callable[[], MethodCourse]]]:
-    """Names, and what runs each."""
     eleven = with_observer(given.bench, "gyro", given.bench.observer.gain)
     found: dict[str, Callable[[], MethodCourse]] = {
         RATE_WITHOUT_OFFSETS: partial(integrated, given, eleven, RATE_WITHOUT_OFFSETS),

@@ -263,7 +263,6 @@ class Comparison:
         self.rows = 0
 
     def add(self, estimates: Estimates, truth: Truth, window: Window) -> None:
-        """Take one window more."""
         if self._since is None:
             self._since = float(window.t_s[0])
         self._until = float(window.t_s[-1])

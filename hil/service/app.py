@@ -27,7 +27,6 @@ _own = APIRouter(tags=["service"])
 
 
 def make_app(service: Service) -> FastAPI:
-    """The application of `service`."""
     modules = [import_module(f"hil.service.{part}") for part in PARTS]
 
     @asynccontextmanager

@@ -60,7 +60,6 @@ class ProblemBody(BaseModel):
 
 
 def problem_response(status: int, error: str, remedy: str = "") -> JSONResponse:
-    """The answer that refuses."""
     return JSONResponse(refusal(status, error, remedy)._asdict(), status)
 
 

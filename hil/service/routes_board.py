@@ -46,7 +46,6 @@ class Drives(_Body):
 
     @property
     def start(self) -> part.Start:
-        """As the board's part has it."""
         return part.Start(
             self.bench, self.bench_toml, self.settings.given, cast(RunOptions, chosen(RunOptions, dict(self)))
         )
@@ -84,7 +83,6 @@ async def lifespan(service: Service) -> AsyncIterator[None]:
 
 
 def board_of(request: Request) -> BoardPart:
-    """The board of the service that a request came to."""
     return cast(BoardPart, service_of(request).parts["board"])
 
 

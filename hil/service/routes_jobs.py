@@ -45,7 +45,6 @@ _FORM = {
 
 @asynccontextmanager
 async def lifespan(service: Service) -> AsyncIterator[None]:
-    """The jobs of a service."""
     loop, catalogue = asyncio.get_running_loop(), service.parts["catalogue"]
 
     def told(row: dict[str, Any]) -> None:

@@ -37,7 +37,7 @@ class _Live:
         board.on_track = self.hub.attach
         board.on_state.append(self._changed.set)
         board.on_run.append(lambda _: self.hub.end())
-        service.tell.add(self._line)
+        service.tell = self._line
 
     def state(self) -> dict[str, Any]:
         """As GET /api/board, with the figures of the run as they are now."""
@@ -50,7 +50,6 @@ class _Live:
         return {"kind": "state", **told, "now": now, "ended": None if now is not None else self._ended}
 
     def now(self) -> dict[str, Any] | None:
-        """The figures of the run that lasts."""
         return self.hub.now.run(self.hub.tracks) if self.hub.live else None
 
     async def tell_state(self) -> None:
@@ -77,7 +76,6 @@ class _Live:
                 client.newest("state", state)
 
     async def safe(self, holder: Holder) -> dict[str, Any]:
-        """SAFE, and what came of it."""
         said = await self.board.safe()
         self.service.audit.note_anyway(holder, "safe", **said)
         return said

@@ -66,7 +66,6 @@ async def lifespan(service: Service) -> AsyncIterator[None]:
 
 
 def catalogue_of(request: Request) -> Catalogue:
-    """The catalogue of the service that a request came to."""
     found: Catalogue = service_of(request).parts[PART]
     return found
 

@@ -98,21 +98,18 @@ def serve(where: Where, begun: Callable[[Begun], None]) -> None:
     with ExitStack() as stack:
         stack.callback(sock.close)
         stack.callback(service.audit.close)
-        port = None if where.foxglove is None else _viewed(service, where.foxglove, stack)
+        viewers_port = None
+        if where.foxglove is not None:
+            from hil.service.viewers import Viewers
+
+            viewers = service.parts["viewers"] = Viewers(where.foxglove)
+            stack.callback(viewers.close)
+            viewers_port = viewers.port
         entry = {"url": url, "pid": os.getpid(), "token": next(reversed(given.values()))}
         stack.enter_context(_findable(found_by, entry))
-        asyncio.run(server.until_told(sock, lambda: begun(Begun(url, links, port)), service))
+        asyncio.run(server.until_told(sock, lambda: begun(Begun(url, links, viewers_port)), service))
         if not server.started:
             raise InputError("the service did not start; the lines above say why")
-
-
-def _viewed(service: Service, port: int, stack: ExitStack) -> int:
-    """Have other viewers served; the port."""
-    from hil.service.viewers import Viewers
-
-    viewers = service.parts["viewers"] = Viewers(port)
-    stack.callback(viewers.close)
-    return viewers.port
 
 
 class _Server(uvicorn.Server):

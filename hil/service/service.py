@@ -16,24 +16,6 @@ from hil.wire.link_name import LinkName
 Listener = Callable[[dict[str, Any]], None]
 
 
-class LiveMessages:
-    """Call it with a message; each listener gets it, and must not wait.  To be called in the service's event loop, from
-    another thread by `loop.call_soon_threadsafe`.
-    """
-
-    def __init__(self) -> None:
-        self._listeners: set[Listener] = set()
-
-    def __call__(self, message: dict[str, Any]) -> None:
-        for listener in list(self._listeners):
-            listener(message)
-
-    def add(self, listener: Listener) -> Callable[[], None]:
-        """Have `listener` told from now on, until what is returned is called."""
-        self._listeners.add(listener)
-        return lambda: self._listeners.discard(listener)
-
-
 PRIVATE = ".service"
 """Folder beside the runs in which the service keeps what is its own."""
 
@@ -46,7 +28,7 @@ class Service:
         folder: where the run folders are.
         links: links that its operator listed.
         files: files of this machine that its operator has runs write, which no request names.
-        tell: what every live client is told as JSON text, such as {"kind": "job", …}.
+        tell: called in the event loop with what every live client is told, such as {"kind": "job", …}; must not wait.
         at_signal: what is called at once when the service is told to end, before open requests are waited for.
         parts: what a part of the service shares with others, by its name; set in its `lifespan`.
     """
@@ -58,7 +40,7 @@ class Service:
     links: tuple[LinkName, ...] = ()
     files: FileOptions = field(default_factory=lambda: FileOptions())
     tickets: Tickets = field(default_factory=Tickets)
-    tell: LiveMessages = field(default_factory=LiveMessages)
+    tell: Listener = lambda _: None
     parts: dict[str, Any] = field(default_factory=dict)
     at_signal: list[Callable[[], None]] = field(default_factory=list)
 
@@ -69,7 +51,6 @@ class Service:
 
 
 def service_of(request: Request) -> Service:
-    """The service that a request came to."""
     return cast(Service, request.app.state.service)
 
 

@@ -23,16 +23,15 @@ _TOPICS = ("/board", "/now", *(f"/{record}" for record in _RECORDS))
 class Viewers:
     """A server on this machine's loopback. Raises InputError where the SDK is not there, or the port is taken."""
 
-    def __init__(self, port: int, tls: tuple[bytes, bytes] | None = None) -> None:
+    def __init__(self, port: int) -> None:
         try:
             import foxglove
         except ImportError:
             raise InputError("--foxglove: its SDK is missing; pip install 'gyrohil[viewers]'") from None
         self._context = foxglove.Context()
-        certificate, key = tls or (None, None)
         try:
             self._server: WebSocketServer = foxglove.start_server(
-                name="gyrohil", host="127.0.0.1", port=port, context=self._context, tls_cert=certificate, tls_key=key
+                name="gyrohil", host="127.0.0.1", port=port, context=self._context
             )
         except (RuntimeError, OSError, ValueError) as error:
             raise InputError(f"--foxglove {port}: {error}; give another port, 0 for any that is free") from None
@@ -41,7 +40,6 @@ class Viewers:
 
     @property
     def port(self) -> int:
-        """Where it listens."""
         return int(self._server.port)
 
     def looked(self, tracks: Tracks) -> None:
@@ -75,7 +73,6 @@ class Viewers:
             self._log("/now", now, seconds)
 
     def close(self) -> None:
-        """Nobody is served any more."""
         self._server.stop()
 
     def _log(self, topic: str, message: dict[str, Any], seconds: float) -> None:

@@ -34,7 +34,6 @@ class TraceRequest:
 
     @property
     def capture(self) -> Path:
-        """The record, of one."""
         return self.captures[0]
 
     @property

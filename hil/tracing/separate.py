@@ -105,7 +105,6 @@ def separate(
 
 
 def last_traced(made: Sequence[Separated]) -> Traced | None:
-    """The trace of the last experiment that has one."""
     return next((one.traced for one in reversed(made) if one.traced is not None), None)
 
 

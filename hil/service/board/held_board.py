@@ -86,7 +86,6 @@ class HeldBoard:
 
     @property
     def state(self) -> dict[str, Any]:
-        """A copy of what is known."""
         with self._lock:
             return dict(self._state)
 

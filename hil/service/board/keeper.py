@@ -234,7 +234,6 @@ class _Keeper:
 
 
 def main() -> None:
-    """Hold a board until told to end."""
     faulthandler.register(STACKS, all_threads=True)
     _Keeper(Path(sys.argv[1])).serve()
 

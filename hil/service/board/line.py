@@ -41,7 +41,6 @@ class BoardLine:
 
     @property
     def attached(self) -> bool:
-        """Whether there is a process that holds a board."""
         return self._socket is not None
 
     def attach(self) -> bool:

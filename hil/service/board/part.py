@@ -67,7 +67,6 @@ class BoardPart:
 
     @property
     def state(self) -> dict[str, Any]:
-        """As GET /api/board."""
         return {
             **self._told,
             "bench": self._bench_name,
@@ -89,7 +88,6 @@ class BoardPart:
         return self.state
 
     async def disconnect(self) -> dict[str, Any]:
-        """Let the board go."""
         self._next = {}
         if self.line.attached:
             await self.line.ask("disconnect")

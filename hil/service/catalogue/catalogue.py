@@ -69,12 +69,10 @@ class Catalogue:
 
     @property
     def database(self) -> sqlite3.Connection:
-        """This thread's connection."""
         found: sqlite3.Connection | None = getattr(self._of_thread, "connection", None)
         return found if found is not None else self._keep(connect(self._path))
 
     def close(self) -> None:
-        """Close it; nobody may ask it any more."""
         with self._writing:
             for connection in self._all:
                 connection.close()
@@ -116,7 +114,6 @@ class Catalogue:
         return Looked(len(ids), gone, tuple(ids))
 
     def rebuild(self) -> Looked:
-        """Read everything anew."""
         with self._transaction() as database:
             database.execute("DELETE FROM runs")
             database.execute("DELETE FROM figure_names")

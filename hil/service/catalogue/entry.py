@@ -57,7 +57,6 @@ def id_of(folder: str) -> str:
 
 
 def is_run(folder: Path) -> bool:
-    """Whether a folder is listed."""
     return any((folder / part).exists() for part in PARTS)
 
 
@@ -194,7 +193,6 @@ def _time(stamp: str, folder: Path) -> float:
 
 
 def as_json(details: Mapping[str, Any]) -> str:
-    """Details as they are kept."""
     return json.dumps(dict(details), ensure_ascii=False, allow_nan=False, separators=(",", ":"))
 
 

@@ -138,10 +138,7 @@ def _gathered(condition: str) -> str:
 
 def one(catalogue: Catalogue, run: str) -> dict[str, Any]:
     """Row of a run with all its figures, and the traces made of it. Raises Unknown where there is none."""
-    database = catalogue.database
-    found = database.execute("SELECT * FROM runs WHERE id = ? AND trashed = 0", (run,)).fetchone()
-    if found is None:
-        raise Unknown("run", run)
+    database, found = catalogue.database, _run(catalogue, run)
     (row,) = _rows(database, [found], ())
     row["figures"] = figures_of(database, found["key"])
     traces = database.execute(
@@ -165,30 +162,35 @@ def figures_of(database: sqlite3.Connection, key: int) -> dict[str, dict[str, An
 
 def key_of(catalogue: Catalogue, run: str) -> int:
     """Raises Unknown where there is no such run."""
-    row = catalogue.database.execute("SELECT key FROM runs WHERE id = ? AND trashed = 0", (run,)).fetchone()
+    return int(_run(catalogue, run)["key"])
+
+
+def _run(catalogue: Catalogue, run: str) -> sqlite3.Row:
+    row: sqlite3.Row | None = catalogue.database.execute(
+        "SELECT * FROM runs WHERE id = ? AND trashed = 0", (run,)
+    ).fetchone()
     if row is None:
         raise Unknown("run", run)
-    return int(row["key"])
+    return row
+
+
+_DEVICE = (
+    "SELECT serial, max(device) AS device, sum(kind = 'run') AS runs, sum(kind = 'trace') AS traces, "
+    "min(time) AS first, max(time) AS last FROM runs {index} WHERE trashed = 0 AND serial {which} GROUP BY serial"
+)
 
 
 def devices(catalogue: Catalogue) -> list[dict[str, Any]]:
     """Devices by serial number: their names, how many runs and traces, the last time and verdict of a run."""
-    rows = catalogue.database.execute(
-        "SELECT serial, max(device) AS device, sum(kind = 'run') AS runs, sum(kind = 'trace') AS traces, "
-        "min(time) AS first, max(time) AS last FROM runs INDEXED BY runs_by_serial WHERE trashed = 0 AND serial > '' "
-        "GROUP BY serial ORDER BY last DESC"
-    ).fetchall()
+    asked = _DEVICE.format(index="INDEXED BY runs_by_serial", which="> ''")
+    rows = catalogue.database.execute(f"{asked} ORDER BY last DESC").fetchall()
     return [_device(catalogue.database, row) for row in rows]
 
 
 def device(catalogue: Catalogue, serial: str) -> dict[str, Any]:
     """One device, with the names of the figures that its runs have. Raises Unknown where there is none."""
     database = catalogue.database
-    row = database.execute(
-        "SELECT serial, max(device) AS device, sum(kind = 'run') AS runs, sum(kind = 'trace') AS traces, "
-        "min(time) AS first, max(time) AS last FROM runs WHERE trashed = 0 AND serial = ? GROUP BY serial",
-        (serial,),
-    ).fetchone()
+    row = database.execute(_DEVICE.format(index="", which="= ?"), (serial,)).fetchone()
     if row is None:
         raise Unknown("device", serial)
     named = database.execute(
@@ -232,7 +234,6 @@ def figure_names(catalogue: Catalogue) -> list[dict[str, Any]]:
 
 
 def tags(catalogue: Catalogue) -> dict[str, int]:
-    """All tags, with how many runs have each."""
     rows = catalogue.database.execute(
         "SELECT tag, count(*) AS runs FROM tags JOIN runs USING (key) WHERE trashed = 0 GROUP BY tag ORDER BY tag"
     )

@@ -75,7 +75,6 @@ class _Told:
 
 
 def main(place: Path) -> None:
-    """Do the job in `place`."""
     signal.signal(signal.SIGINT, _interrupt)
     ending, told = _Ending(), _Told()
     threading.Thread(target=ending.wait, name="ending", daemon=True).start()

@@ -60,7 +60,6 @@ class _Job:
 
     @property
     def row(self) -> Row:
-        """As it is told."""
         asked = {name: value for name, value in self.order["asked"].items() if name != "kind"}
         return {
             "id": self.place.name,
@@ -182,11 +181,10 @@ class Jobs:
             ]
 
     def close(self) -> None:
-        """Have all of them end, and wait for it."""
         self._ending.set()
         with self._lock:
             for name in list(self._queue):
-                self._conclude(self._jobs[name], {"state": "failed", "error": CRASHED, "ended": time.time()})
+                self._conclude(self._jobs[name], _failed(CRASHED))
             self._queue.clear()
             for job in self._jobs.values():
                 if job.child is not None and job.child.stdin is not None and job.state == "running":
@@ -234,14 +232,10 @@ class Jobs:
                 assert child.stdout is not None
                 for line in child.stdout:
                     self._hear(job, line)
-            outcome = _outcome(job.place) or {"state": "failed", "error": _how(child.returncode), "ended": time.time()}
+            outcome = _outcome(job.place) or _failed(_how(child.returncode))
         except OSError as error:
-            outcome = {"state": "failed", "error": f"could not be started: {error.strerror}", "ended": time.time()}
-        with self._lock:
-            self._conclude(job, outcome)
-        self._tell(job.place.name)
-        if run := job.result.get("run"):
-            _guarded(self._made, run)
+            outcome = _failed(f"could not be started: {error.strerror}")
+        self._ended(job, outcome)
         self._start_next()
 
     def _hear(self, job: _Job, line: bytes) -> None:
@@ -268,7 +262,10 @@ class Jobs:
             pass
         if self._ending.is_set():
             return
-        outcome = _outcome(job.place) or {"state": "failed", "error": CRASHED, "ended": time.time()}
+        outcome = _outcome(job.place) or _failed(CRASHED)
+        self._ended(job, outcome)
+
+    def _ended(self, job: _Job, outcome: dict[str, Any]) -> None:
         with self._lock:
             self._conclude(job, outcome)
         self._tell(job.place.name)
@@ -311,7 +308,6 @@ class Jobs:
 
 
 def _found(place: Path) -> _Job | None:
-    """A job of an earlier service."""
     try:
         order = json.loads((place / ORDER).read_text())
         job = _Job(place, order, began=order["time"])
@@ -324,7 +320,7 @@ def _found(place: Path) -> _Job | None:
         job.state = "running"
         return job
     if outcome is None:
-        outcome = {"state": "failed", "error": CRASHED, "ended": time.time()}
+        outcome = _failed(CRASHED)
         with suppress(OSError):
             write_text(place / OUTCOME, json.dumps(outcome) + "\n")
     _take(job, outcome)
@@ -337,6 +333,10 @@ def _outcome(place: Path) -> dict[str, Any] | None:
         if isinstance(found, dict) and found.get("state") in ("done", "failed", "cancelled"):
             return found
     return None
+
+
+def _failed(error: str) -> dict[str, Any]:
+    return {"state": "failed", "error": error, "ended": time.time()}
 
 
 def _take(job: _Job, outcome: dict[str, Any]) -> None:

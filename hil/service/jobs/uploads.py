@@ -80,7 +80,6 @@ class Uploads:
             shutil.rmtree(self._folder / upload, ignore_errors=True)
 
     def tidy(self) -> None:
-        """Remove what nobody has asked for within a day."""
         for place in self._folder.iterdir():
             with suppress(OSError):
                 if time.time() - place.stat().st_mtime > _KEPT_S:
@@ -112,7 +111,6 @@ class Receiving:
         return _upload(self._place, self._record)
 
     def give_up(self) -> None:
-        """Remove what came."""
         shutil.rmtree(self._place, ignore_errors=True)
 
     async def _receive(self, path: Path, pieces: AsyncIterator[bytes]) -> None:

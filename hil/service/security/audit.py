@@ -69,5 +69,4 @@ class Audit:
         return found[::-1]
 
     def close(self) -> None:
-        """No more entries."""
         os.close(self._file)

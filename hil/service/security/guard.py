@@ -27,7 +27,6 @@ class Guard:
         self._tickets = tickets
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """One request."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return

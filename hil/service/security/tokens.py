@@ -60,7 +60,6 @@ class Tokens:
     _holders: dict[bytes, Holder] = field(default_factory=dict)
 
     def make(self, holder: Holder) -> str:
-        """A new token for `holder`."""
         token = secrets.token_urlsafe(_BYTES)
         self.accept(token, holder)
         return token
@@ -101,7 +100,6 @@ class Tickets:
         self._valid: dict[str, tuple[str, str, float]] = {}
 
     def make(self, path: str, holder: Holder) -> str:
-        """A ticket for `path`."""
         now = time.monotonic()
         self._valid = {ticket: value for ticket, value in self._valid.items() if value[2] > now}
         while len(self._valid) >= _AT_MOST:

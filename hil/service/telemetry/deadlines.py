@@ -48,12 +48,15 @@ class Deadlines:
 
     @property
     def in_time(self) -> float | None:
-        """As above."""
         known = self._samples - self._waiting
         if known <= 0:
             return None
         in_time = self._in_time if self._gain_mode else known - self.held
         return min(max(in_time / known, 0.0), 1.0)
+
+    def told(self) -> dict[str, Any]:
+        share = self.in_time
+        return {"held": self.held, "late": self.late} | ({} if share is None else {"in_time": share})
 
     def _ledger(self, timing: Track, capture: Track | None) -> None:
         """Gain mode: a matrix answers each sample of its block."""
@@ -77,9 +80,3 @@ class Deadlines:
         settled = self._missed <= sent[-1]
         self.late += int(np.isin(self._missed[settled], sent).sum())
         self._missed = self._missed[~settled]
-
-
-def told(deadlines: Deadlines) -> dict[str, Any]:
-    """As part of a run's health."""
-    share = deadlines.in_time
-    return {"held": deadlines.held, "late": deadlines.late} | ({} if share is None else {"in_time": share})

@@ -14,7 +14,6 @@ import numpy as np
 from hil.numbers import COVERAGE
 from hil.records.estimates import steady
 from hil.service.telemetry.deadlines import Deadlines
-from hil.service.telemetry.deadlines import told as deadlines
 from hil.service.telemetry.views import Rolls, Track, Tracks
 
 LOOKS_PER_S = 50.0
@@ -29,22 +28,23 @@ class Hub:
         rolls: decimated channels of it.
         run: counts the runs: views of another one are made anew.
         looked: called after each look that brought something.
+        live: whether a run lasts.
     """
 
     def __init__(self) -> None:
         self.tracks, self.rolls, self.now = Tracks(), Rolls(), Now()
         self.run = 0
         self.looked: set[Callable[[], None]] = set()
-        self._live = False
+        self.live = False
 
     def attach(self, stem: str, layout: dict[str, Any], descriptor: int) -> None:
         """A ring of the run that begins; `descriptor` is closed."""
         try:
-            if not self._live:
+            if not self.live:
                 self.detach()
                 self.tracks, self.rolls, self.now = Tracks(), Rolls(), Now()
                 self.run += 1
-                self._live = True
+                self.live = True
             with suppress(OSError, ValueError):
                 self.tracks.add(stem, layout, descriptor)
         finally:
@@ -52,30 +52,24 @@ class Hub:
 
     def end(self) -> None:
         """The run has ended: what is still in its rings is looked at once more."""
-        if self._live:
+        if self.live:
             try:
                 self.look()
             finally:
-                self._live = False
-
-    @property
-    def live(self) -> bool:
-        """Whether a run lasts."""
-        return self._live
+                self.live = False
 
     @property
     def ready(self) -> bool:
         """Whether a run lasts whose rings are all there: that of the times comes after what is drawn."""
-        return self._live and self.tracks.get("timing") is not None
+        return self.live and self.tracks.get("timing") is not None
 
     def detach(self) -> None:
         """Let the rings go: nothing is looked at until others are attached."""
-        self._live = False
+        self.live = False
         self.tracks.close()
 
     def look(self) -> None:
-        """Take what is new."""
-        if not self._live or not self.tracks.look():
+        if not self.live or not self.tracks.look():
             return
         self.rolls.add_new(self.tracks)
         self.now.look(self.tracks)
@@ -133,7 +127,7 @@ class Now:
             "samples": self._samples + seen,
             "lost": max(missing, 0),
             "silent_s": round(time.monotonic() - self._heard_s, 2),
-            **deadlines(self._deadlines),
+            **self._deadlines.told(),
         }
         if (timing := tracks.get("timing")) is not None:
             rows = timing.kept.newest(1 << 13)

@@ -3,8 +3,9 @@ fewer frames, not older ones.
 """
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -13,7 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from hil.errors import InputError
 from hil.records.estimates import steady
 from hil.records.frame import Frame
-from hil.records.layout import Layout
+from hil.records.layout import Column, Layout
 from hil.running.recording.ring import Onlooker
 from hil.service.series import shown
 
@@ -31,7 +32,6 @@ class History:
         """rows ever"""
 
     def add(self, rows: Rows) -> None:
-        """Append rows; the oldest are forgotten."""
         self.added += len(rows)
         rows = rows[-self._most :]
         if self._count + len(rows) > len(self._rows):
@@ -87,7 +87,6 @@ class Track:
         return self._onlooker.lost
 
     def close(self) -> None:
-        """Look no more."""
         self._onlooker.detach()
 
 
@@ -101,7 +100,7 @@ class Tracks:
 
     def add(self, stem: str, layout: Mapping[str, Any], descriptor: int) -> None:
         """One more ring. Raises OSError or ValueError where it is none."""
-        columns = tuple(_column(entry) for entry in layout["columns"])
+        columns = tuple(Column(*entry) for entry in layout["columns"])
         made = Layout(layout["kind"], columns, layout["block_rows"], layout["header"])
         track = self._tracks[stem] = Track(descriptor, made)
         self.rate_Hz = float(made.header["tick_rate_Hz"])
@@ -114,22 +113,14 @@ class Tracks:
         return sum(len(track.look()) for track in self._tracks.values()) > 0
 
     def get(self, stem: str) -> Track | None:
-        """A track by its stem."""
         return self._tracks.get(stem)
 
     def __iter__(self) -> Iterator[Track]:
         return iter(self._tracks.values())
 
     def close(self) -> None:
-        """Look no more."""
         for track in self._tracks.values():
             track.close()
-
-
-def _column(entry: Any) -> Any:
-    from hil.records.layout import Column
-
-    return Column(*entry)
 
 
 _BUCKET = np.dtype([("number", "<i8"), ("low", "<f4"), ("high", "<f4")])
@@ -241,13 +232,14 @@ class AskSpectrum(_Asked):
     channel: Name
 
 
-class View(Protocol):
+class View(ABC):
     """One subscription of one client."""
 
+    @abstractmethod
     def frame(self, tracks: Tracks) -> Frame | None:
         """The newest, None where nothing is new or the run does not have what was asked for."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027
         """It is no longer wanted."""
 
 
@@ -285,7 +277,7 @@ class Rolls:
                 roll.add(track.new["tick"], channel.values(track.new))
 
 
-class RollView:
+class RollView(View):
     """The newest buckets since the last frame; all of the window first, and after frames that were not sent."""
 
     def __init__(self, asked: Subscribe, tracks: Tracks, rolls: Rolls) -> None:
@@ -300,7 +292,6 @@ class RollView:
         self._sent: int | None = None
 
     def frame(self, tracks: Tracks) -> Frame | None:
-        """As of a view."""
         stop = min(roll.next for roll in self._shown)
         first = max(stop - self._count, 0 if self._sent is None else self._sent)
         if stop <= first:
@@ -311,12 +302,11 @@ class RollView:
         return Frame(first * self._step / tracks.rate_Hz, self._step / tracks.rate_Hz, first, low, high)
 
     def close(self) -> None:
-        """As of a view."""
         for key in self._keys:
             self._rolls.leave(key)
 
 
-class TriggerView:
+class TriggerView(View):
     """The newest window in which a channel crossed a level."""
 
     def __init__(self, asked: Subscribe, tracks: Tracks) -> None:
@@ -336,7 +326,6 @@ class TriggerView:
             raise InputError(f"window_s: {asked.window_s:g} s is too long for a trigger; {longest:g} s at most")
 
     def frame(self, tracks: Tracks) -> Frame | None:
-        """As of a view."""
         source = tracks.get(self._source.track)
         if source is None:
             return None
@@ -355,11 +344,8 @@ class TriggerView:
         self._frames += 1
         return _cut(self._channels, tracks, begin, -(-self._ticks // self._step), self._step, self._frames)
 
-    def close(self) -> None:
-        """As of a view."""
 
-
-class PatternView:
+class PatternView(View):
     """x and y over the newest periods of the target oscillator."""
 
     def __init__(self, asked: AskPattern, tracks: Tracks) -> None:
@@ -373,7 +359,6 @@ class PatternView:
         self._last = -1
 
     def frame(self, tracks: Tracks) -> Frame | None:
-        """As of a view."""
         capture = tracks.get("capture")
         rows = None if capture is None else capture.kept.newest(1)
         if rows is None or not len(rows) or int(rows["tick"][0]) == self._last:
@@ -382,11 +367,8 @@ class PatternView:
         begin = max(self._last + 1 - self._ticks, 0)
         return _cut(self._channels, tracks, begin, self._last + 1 - begin, 1, begin)
 
-    def close(self) -> None:
-        """As of a view."""
 
-
-class SpectrumView:
+class SpectrumView(View):
     """One-sided amplitude density, unit/√Hz, by Welch's mean over Hann windows of the newest rows. "Seconds per bucket"
     are hertz here, and the first bucket is at 0.
     """
@@ -398,7 +380,6 @@ class SpectrumView:
         self._frames = 0
 
     def frame(self, tracks: Tracks) -> Frame | None:
-        """As of a view."""
         track = tracks.get(self._channel.track)
         if track is None or track.kept.added < self._next:
             return None
@@ -426,9 +407,6 @@ class SpectrumView:
         density[[0, -1]] *= 0.5
         root = np.sqrt(density).astype(np.float32)[None, :]
         return Frame(0.0, rate / length, self._frames, root, root)
-
-    def close(self) -> None:
-        """As of a view."""
 
 
 def _steady(rows: Rows) -> npt.NDArray[np.bool_]:
