@@ -145,6 +145,7 @@ def test_a_gyro_that_turns_with_the_board(tmp_path: Path, monkeypatch: pytest.Mo
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("no_report")
 def test_a_gyro_that_is_unplugged_stops_nothing(tmp_path: Path) -> None:
     with turning(tmp_path, time.monotonic()) as (link, scenario, process):
 
