@@ -10,7 +10,7 @@ import numpy as np
 from estimator.completeness.answer import Completeness, Lacking, Outcome
 from estimator.completeness.constants import calibrated_effects, off
 from estimator.completeness.information import Information, ScannedCoefficient
-from estimator.completeness.lacking import HARMLESS, Taken, freed, leading, taken_together
+from estimator.completeness.lacking import HARMLESS, Taken, freed, leader, leading, taken_together
 from estimator.completeness.scores import Scores, scores_of
 from estimator.completeness.stretch import Stretch, joined, settled_s, weighed_of
 from estimator.completeness.stretched import Stretched, beside, fitted, likelihood_of
@@ -159,7 +159,9 @@ def _scanned(
         progress("scan", 2 + done, rounds)
         serious = serious_of(of, seen, effects, margin)
         beyond = freed(of, bare, base, constants, limits.innovation_ratio)
-        found = leading(of, base, seen, serious, beyond, turning, move, limits.innovation_ratio, margin)
+        first = leader(of, base, serious, beyond, margin)
+        most = limits.innovation_ratio, margin
+        found = None if first is None else leading(of, base, first, seen, constants, turning, move, most)
         if isinstance(found, Nearest):
             nearest = found
         elif found is not None and found.angle.high >= HARMLESS * limits.angle_rad:

@@ -82,54 +82,67 @@ def odds(model: FittedModel) -> float:
     return 2.0 * model.objective - float(model.told.sum() * np.log(model.evaluation.count.sum()))
 
 
-def leading(
-    of: Stretched,
-    base: FittedModel,
-    seen: Scores,
-    serious: Sequence[Score],
-    beyond: Mapping[str, FittedModel],
-    turning: Turning,
-    move: Callable[[Effects], Array],
-    enough: float,
-    margin: float,
-) -> Taken | Nearest | None:
-    """The effect that explains most once it is included in the model, or the constant of the calibration that does once
-    it may be off by more than is declared (`freed`); None where none stands better by `margin` (twice the
-    log-likelihood); the nearest where the innovation stays above `enough` times what is predicted of it, rms,
-    or other constants are still off by more.
+@dataclass(frozen=True)
+class Leader:
+    """What explains most once the model has it: an effect, or a constant that may be off by more than is declared;
+    alike: other constants that do as well in its place.
+    """
 
-    Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
-    of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.  `move` has
-    how far (m,) effects as large as they are move the angle.
+    name: str
+    model: FittedModel
+    is_freed: bool = False
+    alike: tuple[str, ...] = ()
+
+
+def leader(
+    of: Stretched, base: FittedModel, serious: Sequence[Score], beyond: Mapping[str, FittedModel], margin: float
+) -> Leader | None:
+    """The best of serious effects and of constants `beyond` what is declared (`freed`); None where none stands better
+    by `margin` (twice the log-likelihood).
     """
     best = first_possible(of, fitted_candidates(of, base, serious)) if serious else None
     if best is not None and not best[1].surplus_over(base) > margin:
         best = None
     ranked = sorted(beyond.items(), key=lambda pair: -odds(pair[1]))
     off = first_possible(of, ranked)
-    is_freed = off is not None and odds(off[1]) > max(odds(base) + margin, odds(best[1]) if best else -np.inf)
-    best = off if is_freed else best
-    if best is None:
-        return None
-    name, model = best
+    if off is not None and odds(off[1]) > max(odds(base) + margin, odds(best[1]) if best else -np.inf):
+        alike = (name for name, model in ranked if name != off[0] and odds(model) > odds(off[1]) - TIE)
+        return Leader(*off, True, tuple(alike))
+    return None if best is None else Leader(*best)
+
+
+def leading(
+    of: Stretched,
+    base: FittedModel,
+    first: Leader,
+    seen: Scores,
+    others: Collection[str],
+    turning: Turning,
+    move: Callable[[Effects], Array],
+    limits: tuple[float, float],
+) -> Taken | Nearest | None:
+    """What the first candidate does to the angle; the nearest where the innovation stays above so many times what is
+    predicted of it, rms, or `others`, constants of the calibration, are still off by more than is declared; None where
+    it is not sure by the margin.  limits: those of innovation and margin.
+
+    Far from the truth a score test is outside its linear range: effects that are not there take up most of the residual
+    of one that is. What is left then tells, and an interval, which presumes that nothing is, would be none.  `move` has
+    how far (m,) effects as large as they are move the angle.
+    """
+    name, model, (enough, margin) = first.name, first.model, limits
     ratio = _ratio_of(of, model)
     if not ratio <= enough:
         return Nearest(kind(name), f"{ratio:.3g} × the noise")
-    if is_freed and not as_declared(model, [one for one in beyond if one != name]):
+    if first.is_freed and not as_declared(model, [one for one in others if one != name]):
         return Nearest(name, "other constants of the calibration off by more than is declared")
     if not gain_of(of, model, name) > margin:  # else it is the noise of the base model that is not fitted
         return None
-    alike = [other for other, one in ranked if is_freed and other != name and odds(one) > odds(model) - TIE]
-    turned = move({name: effects_of(model)[name]})
-    gain = 2.0 * (model.objective - base.objective) if is_freed else model.rise_over(base)
-    taken = _taken_alone(of, name, model, gain, seen, turning, turned, alike)
-    return replace(taken, freed=name) if is_freed else taken
+    gain = 2.0 * (model.objective - base.objective) if first.is_freed else model.rise_over(base)
+    return _taken_alone(of, first, gain, seen, turning, move({name: effects_of(model)[name]}))
 
 
-def _taken_alone(
-    of: Stretched, name: str, model: FittedModel, gain: float, seen: Scores, turning: Turning, moved: Array,
-    alike: Sequence[str],
-) -> Taken:  # fmt: skip
+def _taken_alone(of: Stretched, first: Leader, gain: float, seen: Scores, turning: Turning, moved: Array) -> Taken:
+    name, model = first.name, first.model
     effect, layout = of.effect(name), model.layout
     places = layout.of(name)[: len(effect.coefficients)]
     factor = layout.factor[places]
@@ -149,9 +162,9 @@ def _taken_alone(
         },
         evidence=gain,
         angle=angle,
-        alike=tuple(dict.fromkeys(kind(o) for o in (*alike, *seen.alike(name, values)) if kind(o) != kind(name))),
+        alike=tuple(dict.fromkeys(kind(o) for o in (*first.alike, *seen.alike(name, values)) if kind(o) != kind(name))),
     )
-    return Taken((lacking,), angle, shift, deviation, model)
+    return Taken((lacking,), angle, shift, deviation, model, name if first.is_freed else "")
 
 
 def taken_together(off: Off, turning: Turning, device: Device, harmless: float) -> Taken:
