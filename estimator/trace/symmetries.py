@@ -93,7 +93,7 @@ def _of_drive_gain(named: Intervals, constants: Constants) -> Iterator[Equivalen
     if "drive_gain" not in named or not _same(named["drive_gain"]["hx"], named["drive_gain"]["hy"]):
         return
     gain = 1.0 + _mean(named["drive_gain"])
-    if gain <= 0.0:
+    if any(given.low <= -1.0 for given in named["drive_gain"].values()):
         return
     apart = [constants.stiffness[i] / gain - constants.declared[i] for i in range(2)]
     if all(abs(off) < FORBIDDEN * constants.spread for off in apart):

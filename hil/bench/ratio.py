@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from typing import Protocol
+from typing import NamedTuple, Protocol
+
+import numpy as np
 
 from hil.numbers import significant
 
@@ -47,35 +49,54 @@ def slip(ratio: float, of_device: Mapping[str, float] | None = None) -> str:
     return "; or ".join(told)
 
 
-_GAINS = {"hx", "hy"}
-"""Symbols of what is added to the gain of the drive."""
-
-
 class _Valued(Protocol):
     @property
     def value(self) -> float: ...
 
 
-def drive_words(blamed: Iterable[tuple[str, Mapping[str, _Valued]]], mass_kg: float) -> tuple[str, ...]:
-    """A sentence for each effect, by its name and its coefficients, that is a gain of the drive of both axes."""
-    return tuple(
-        of_drive((found["hx"].value, found["hy"].value), mass_kg) for _, found in blamed if found.keys() == _GAINS
-    )
+class Path(NamedTuple):
+    """What effects say of the path from the drives to the sense channels, "" where none is of it; whether that is a
+    fault of wires or units, which is mended and not declared.
+    """
+
+    told: str
+    is_fault: bool
 
 
-def of_drive(gains: tuple[float, float], mass_kg: float) -> str:
-    """How much of what was declared the two axes' drives do, gains being what is added to 1, and what to check."""
-    ratios = [1.0 + gain for gain in gains]
-    same = math.isclose(*ratios, rel_tol=NEAR)
-    amounts = " and ".join(dict.fromkeys(significant(ratio, 4) for ratio in ratios))
-    told = f"the drive acts {amounts} × as declared"
+def path_of(blamed: Iterable[tuple[str, Mapping[str, _Valued]]], mass_kg: float) -> Path:
+    """The path by effects, each by its name and its coefficients: their matrix M (2, 2), times what was declared, and
+    the nearest c P, P being a permutation with signs.
+    """
+    found = {symbol: one.value for _, given in blamed for symbol, one in given.items() if symbol in _OF_PATH}
+    hx, hy, mx, my, gy, ex, ey = (found.get(symbol, 0.0) for symbol in _OF_PATH)
+    matrix = np.array([[1.0, ex], [ey, 1.0 + gy]]) @ np.array([[1.0 + hx, mx], [my, 1.0 + hy]])
+    is_exchange = abs(matrix[0, 1] * matrix[1, 0]) > abs(matrix[0, 0] * matrix[1, 1])
+    order = [1, 0] if is_exchange else [0, 1]
+    ratios = matrix[[0, 1], order]
+    factor, signs = math.sqrt(abs(ratios[0] * ratios[1])), np.sign(ratios)
+    is_near = bool(np.max(np.abs(matrix - factor * np.diag(signs)[:, order])) <= NEAR * factor)
+    faults = []
+    if is_near and is_exchange:
+        faults.append(f"x and y are exchanged between drive and sense; exchange the two columns of one {_MEND}")
+    if is_near and (turned := [axis for axis, sign in zip("xy", signs, strict=True) if sign < 0.0]):
+        acts = f"{' and '.join(turned)} act{'s' if len(turned) == 1 else ''}"
+        faults.append(f"{acts} the wrong way round between drive and sense; change the sign of one {_MEND}")
+    if faults and float(np.prod(signs)) * (-1.0 if is_exchange else 1.0) < 0.0:
+        faults.append("a known rotation tells which of the two: the wrong one reverses the rate")
     mass = {f"mass_kg = {mass_kg:g}: newtons for m/s², or the reverse": mass_kg}
-    guess = slip(math.sqrt(abs(ratios[0] * ratios[1])), mass) if same else ""
-    if guess:
-        told += f", near {guess}; check [device.drive] unit, mass_kg and the board's IDENTITY.drive_scale_mps2"
-    if same and ratios[0] < 0.0:
-        told += ", and the other way round"
-    return told
+    guess = slip(factor, mass) if is_near else ""
+    if guess or (abs(factor - 1.0) > NEAR if faults else "hx" in found):
+        same = dict.fromkeys(significant(abs(one) if is_near else one, 4) for one in ratios)
+        acts = f"the drive acts {' and '.join(same)} × as declared{' on the other axis' if is_exchange else ''}"
+        check = "check [device.drive] unit, mass_kg and the board's IDENTITY.drive_scale_mps2"
+        faults.append(f"{acts}, near {guess}; {check}" if guess else acts)
+        return Path("; ".join(faults), bool(guess) or len(faults) > 1)
+    return Path("; ".join(faults), bool(faults))
+
+
+_OF_PATH = ("hx", "hy", "mx", "my", "gy", "ex", "ey")
+"""Symbols of what is added to the matrices of drive and sense."""
+_MEND = "on import, or its wires"
 
 
 def _is(size: float, factor: float, near: float) -> bool:

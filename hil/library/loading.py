@@ -246,6 +246,8 @@ class Trace:
         from hil.tracing.addition import additions
 
         found = additions(self.diagnosis)
+        if self.diagnosis.fault:
+            raise InputError(f"there is nothing to add: {self.diagnosis.reasons[0]}")
         if not found:
             raise InputError(f"{self.verdict}: there is nothing to add; only what is explained is declared")
         effects = {one.name: {symbol: value for symbol, (value, _) in one.coefficients.items()} for one in found}

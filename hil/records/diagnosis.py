@@ -232,6 +232,10 @@ class Diagnosis(json_file.Sealed):
     rejected: tuple[Rejected, ...]
     findings: tuple[Finding, ...] = Field(description="Largest first")
     reasons: tuple[str, ...] = Field(description="Why the verdict is what it is, a sentence each")
+    fault: bool = Field(
+        default=False,
+        description="Whether the first reason is a fault of wires or units, which is mended and not declared",
+    )
     share: float | None = Field(
         default=None,
         description="Of the residual's power above the noise floor on the part held out, what the effects account for",
@@ -285,6 +289,7 @@ def to_model(
     sense_unit: str = "V",
     prepared: tuple[str, ...] = (),
     missing_force: MissingForce | None = None,
+    fault: bool = False,
 ) -> Diagnosis:
     """The engine's answer as it is written."""
     told = _fields(found, Diagnosis, {"angle_moved_rad": "angle_moved"})
@@ -296,6 +301,7 @@ def to_model(
             "sense_unit": sense_unit,
             "prepared": prepared,
             "missing_force": missing_force,
+            "fault": fault,
             "record": record,
             "bench": bench,
             "samples": len(found.residual_before),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hil.bench import Bench
-from hil.bench.ratio import drive_words
+from hil.bench.ratio import path_of
 from hil.progress import Progress, Watcher
 from hil.records.result import Lacking, Parameter, Scan, Unexcluded
 from hil.records.runfolder import RunFolder
@@ -66,7 +66,7 @@ def scan_of(capture: "Capture", bench: Bench, progress: Watcher) -> "answer.Comp
         progress=lambda stage, done, total: progress(Progress(stage, done, total)),
     )
     blamed = [(item.effect, item.coefficients) for item in (*found.lacks, *found.harmless)]
-    return replace(found, reason="; ".join([found.reason, *drive_words(blamed, bench.device.mass_kg)]))
+    return replace(found, reason="; ".join(filter(None, [found.reason, path_of(blamed, bench.device.mass_kg).told])))
 
 
 def to_model(found: "answer.Completeness", began: float) -> Scan:

@@ -30,7 +30,7 @@ class Addition:
 
 def additions(diagnosis: Diagnosis) -> list[Addition]:
     """What to write into the bench file so that the next run has the effects that were found."""
-    if diagnosis.verdict != "explained":
+    if diagnosis.verdict != "explained" or diagnosis.fault:
         return []
     return [
         Addition(
@@ -56,6 +56,8 @@ def add_found(diagnosis: Diagnosis, source: Path, target: Path) -> Added:
     """Write the bench file `source` to `target` with what was found: the effects, or else the form of the missing
     force.  Raises InputError as `add_effects` and `add_form`.
     """
+    if diagnosis.fault:
+        return Added([], f"{target}: not written; {diagnosis.reasons[0]}")
     if found := additions(diagnosis):
         add_effects(source, target, found)
         names = [one.name for one in found]

@@ -17,7 +17,7 @@ from estimator.trace.problem import Problem
 from estimator.trace.traceable import moves_until, remarks, require_length, require_traceable
 from hil.bench import Bench, RateSensorBench
 from hil.bench.by_verb import require_usable
-from hil.bench.ratio import drive_words
+from hil.bench.ratio import path_of
 from hil.errors import InputError
 from hil.inputs.captured import at_rest, control_of, drives_of, record_of
 from hil.inputs.declared import observer_settings_of, recorded_device_of
@@ -90,7 +90,8 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         raise InputError(f"{capture}: {error}") from None
     found = _within_limits(found, bench)
     blamed = [(one.name, one.coefficients) for one in found.effects]
-    found = replace(found, reasons=(*found.reasons, *drive_words(blamed, device.mass)))
+    path = path_of(blamed, device.mass)
+    found = replace(found, reasons=(*filter(None, [path.told]), *found.reasons))
     unnamed: MissingForce | None = None
     about: WrittenForce | None = None
     if missing_force or (missing_force is None and request.report and found.verdict.is_open):
@@ -103,6 +104,7 @@ def _trace_oscillator(request: TraceRequest, bench: Bench, out: Path, progress: 
         sense_unit=bench.device.sense.unit,
         prepared=(*said, *filter(None, [trimmed]), *part.said, *remarks(record, device)),
         missing_force=about,
+        fault=path.is_fault,
     )
     folder = new_folder(out, bench)
     save_diagnosis(folder / "diagnosis.json", diagnosis)

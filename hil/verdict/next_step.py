@@ -66,7 +66,7 @@ def after_trace(
         if place.is_dir():
             return _run_as(RunFolder(place), added)
         return f"hil replay {_quoted(place)} --bench {_quoted(added)}"
-    if not declarable(diagnosis, device):
+    if diagnosis.fault or not declarable(diagnosis, device):
         return _traced(Path(_ANOTHER), bench)
     again = _traced(place, bench)
     if diagnosis.verdict == "adequate":

@@ -23,7 +23,8 @@ from hil.report.diagnosis import write_report
 from hil.report.diagnosis.equations import plain, typeset
 from hil.report.diagnosis.page import Pictures, headline, write_page
 from hil.report.diagnosis.tables import coefficients, probable
-from hil.tracing.addition import additions
+from hil.tracing.addition import add_found, additions
+from hil.verdict.next_step import after_trace
 
 N, RATE, RESONANCE, NOISE = 16000, 4000.0, 200.0, 9e-5
 DEVICE = Device(
@@ -188,6 +189,17 @@ def test_only_what_explains_is_added() -> None:
     assert addition.coefficients["k3y"][1] == "95 %: 1e+12 to unbounded 1"
     for verdict in (traced.Verdict.UNEXPLAINED, traced.Verdict.ADEQUATE, traced.Verdict.PARTLY):
         assert additions(to_model(answer(verdict=verdict), record="ride", bench="S-test")) == []
+
+
+def test_a_fault_is_told_first_and_not_declared(tmp_path: Path) -> None:
+    found = replace(answer(), reasons=("x and y are exchanged", "b"))
+    diagnosis = to_model(found, record="ride", bench="S-test", fault=True)
+    assert additions(diagnosis) == []
+    added = add_found(diagnosis, tmp_path / "a.toml", tmp_path / "b.toml")
+    assert added == ([], f"{tmp_path / 'b.toml'}: not written; x and y are exchanged")
+    assert headline(diagnosis) == "X and y are exchanged"
+    (tmp_path / "bench.toml").write_text("[device]\n", encoding="utf-8")
+    assert "--add" not in str(after_trace(tmp_path, diagnosis))
 
 
 @pytest.mark.slow

@@ -273,6 +273,7 @@ def test_what_is_on_no_symmetry_has_no_equivalent() -> None:
     assert of({"sense_delay": {"tsx": is_(0.04), "tsy": is_(0.0)}}) == {}
     assert of({"drive_gain": {"hx": is_(-0.9, 0.05), "hy": is_(0.0)}}) == {}
     assert of({"drive_gain": {"hx": is_(-1.1, 0.2), "hy": is_(0.0)}}) == {}  # the sign is not sure
+    assert of({"drive_gain": {"hx": is_(-0.99999, 2e-4), "hy": is_(-1.0, 2e-4)}}) == {}  # nor that either drives
 
 
 def test_a_clock_that_declared_stiffness_excludes_is_not_listed() -> None:

@@ -146,6 +146,8 @@ def write_page(
 
 
 def headline(diagnosis: Diagnosis) -> str:
+    if diagnosis.fault:
+        return markup.sentence(diagnosis.reasons[0]).rstrip(".")
     if not diagnosis.effects:
         unexplained = diagnosis.verdict == "unexplained" and diagnosis.reasons
         return _SAYS[diagnosis.verdict] + (f": {diagnosis.reasons[0]}" if unexplained else "")
