@@ -18,7 +18,7 @@ from estimator.trace.fit import ROUGH, FittedModel, at, maximise
 from estimator.trace.likelihood import Check
 from estimator.trace.output_error import OutputError
 from estimator.trace.probabilities import probabilities
-from estimator.trace.rejected import Failed, rejected
+from estimator.trace.rejected import Failed, rejected, ruled_out
 from estimator.trace.trace import evidence_of, judge
 from estimator.trace.verdict import Judged, answer, share_of
 
@@ -50,8 +50,11 @@ def trace_output(of: OutputError, fitting: NDArray[np.bool_], base: FittedModel 
     given = answer(judged, (before, judged.after), tuple(_found(of, evidence, name) for name in names))
     named = names if given.effects else []
     groups = {name: chosen.groups[name] for name in names}
-    separations = [_apart(of, name, member) for name in named for member in groups[name]]
     same = [(one.name, *pair) for one in given.effects for pair in of.same(one.name, one.coefficients).items()]
+    separations = (
+        *(_apart(of, name, member) for name in named for member in groups[name]),
+        *(Separation(name, other, 1.0, by, None) for name, other, (by, _) in same),
+    )
     # A check that refused an effect says so, whether or not the others stand without it.
     against = {one.effect: Failed(one.sentence, model) for one in judged.checks if one.effect and not one.passed}
     # What is a named effect again, with more coefficients, is no other account of the record.
@@ -59,10 +62,9 @@ def trace_output(of: OutputError, fitting: NDArray[np.bool_], base: FittedModel 
         name: [one for one in members if kind(name) not in of.effect(one.name).generalises]
         for name, members in chosen.groups.items()
     }
+    others = rejected(of, chosen.found, groups, {**against, **judged.failed})
     return replace(
-        given,
-        separations=(*separations, *(Separation(name, other, 1.0, by, None) for name, other, (by, _) in same)),
-        rejected=rejected(of, chosen.found, groups, {**against, **judged.failed}), split=of.samples,
+        given, separations=separations, rejected=ruled_out(others, separations), split=of.samples,
         reasons=_reasons(later, judged, given),
         undetermined=tuple(said for _, _, (_, said) in same),
         probabilities=probabilities(evidence, judged.checks, accounts, chosen.found),

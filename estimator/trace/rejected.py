@@ -1,13 +1,13 @@
 """Effects that a trace does not name: why not, and how large they can be at most."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from estimator.chance import TWO_SIDED
-from estimator.diagnosis import Interval, Rejected
+from estimator.diagnosis import Interval, Rejected, Separation
 from estimator.effects.declaration import Effect
 from estimator.effects.labels import kind
 from estimator.scaling import Scaling
@@ -18,7 +18,7 @@ from estimator.trace.likelihood import Likelihood
 from estimator.trace.named import intervals_of
 from estimator.trace.score_test import Score
 from estimator.trace.search import Search, forbidden, margin
-from estimator.written import gains
+from estimator.written import gains, significant
 
 
 class Failed(NamedTuple):
@@ -58,12 +58,18 @@ def rejected(
         elif forbidden(of, score.name, score.size, score.deviation):
             reason = "a coefficient that is never negative would be"
         elif gain < least:
-            reason = f"{gains(gain)}: no more than chance"
+            reason = f"{gains(gain)} of the {significant(least)} that chance would need: no more than chance"
         else:
             reason = f"{gains(gain)}, less than its penalty"
         bound = _bound(of, score, scaling)
         answers[which] = Rejected(which, reason, bound, alone.get(score.name), fitted.get(score.name))
     return tuple(answers.values())
+
+
+def ruled_out(others: Iterable[Rejected], separations: Iterable[Separation]) -> tuple[Rejected, ...]:
+    """Those that are no member of an ambiguity group: a member is not ruled out."""
+    members = {pair.other for pair in separations}
+    return tuple(one for one in others if one.name not in members)
 
 
 def _taken_out(of: Likelihood, name: str, failed: Failed) -> Rejected:

@@ -19,7 +19,7 @@ from estimator.trace.pairs import pairs_of
 from estimator.trace.pooled_layout import of_records
 from estimator.trace.probabilities import probabilities
 from estimator.trace.problem import Problem, Progress
-from estimator.trace.rejected import Failed, rejected
+from estimator.trace.rejected import Failed, rejected, ruled_out
 
 MOST = THRESHOLDS.criterion.part
 """Of the power above the noise floor, that effects have to account for which explain a part."""
@@ -99,10 +99,10 @@ def diagnosis(
     others = rejected(evidence.of, chosen.found, groups, judged.failed, Scaling.of(problem.device))
     told = answer(judged, figures, effects, dependences)
     shown = {} if told.unconfirmed else groups
+    separations = pairs_of(problem, model, shown, reader, told.effects, others, progress)
+    others = ruled_out(others, separations)
     return replace(
-        told,
-        separations=pairs_of(problem, model, shown, reader, told.effects, others, progress),
-        rejected=others, split=split, reasons=reasons_of(judged, others),
+        told, separations=separations, rejected=others, split=split, reasons=reasons_of(judged, others),
         angle_moved=reader.moved(problem.effects, carried) if told.effects and problem.device.axes == 2 else None,
         probabilities=probabilities(evidence, judged.checks, chosen.groups, chosen.found),
         undetermined=undetermined(model), free_run=_shown(evidence, told),

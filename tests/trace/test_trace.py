@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from estimator.diagnosis import Rejected, Verdict
+from estimator.diagnosis import Rejected, Separation, Verdict
 from estimator.scaling import Scaling
 from estimator.trace.ambiguity import Member, exchanged
 from estimator.trace.checks import CHECKS
@@ -17,6 +17,8 @@ from estimator.trace.named import effects_of
 from estimator.trace.probabilities import _classes, probabilities
 from estimator.trace.problem import Effects
 from estimator.trace.rejected import rejected as rejections
+from estimator.trace.rejected import ruled_out
+from estimator.trace.search import margin
 from estimator.trace.trace import trace
 from tests.trace.linear import fitted
 from tests.trace.plain import problem, records
@@ -133,11 +135,19 @@ def test_every_unnamed_candidate_says_its_gain_and_its_largest_size() -> None:
     found = rejected(a=(1, 60.0), b=(1, 15.0), c=(1, 3.0))
     assert set(found) == {"b", "c"}
     assert found["b"].reason.startswith("raises 2 ln L by 1")
-    assert float(found["c"].reason.split(":")[0].split()[-1]) == pytest.approx(3.0, rel=0.05)
+    gain, least = re.findall(r"[\d.]+(?= )", found["c"].reason.split("by")[1])
+    assert float(gain) == pytest.approx(3.0, rel=0.05)
+    assert float(least) == pytest.approx(margin(2), rel=0.01)
     bound = found["c"].bound["c0"]
     assert bound.value == pytest.approx(np.sqrt(3.0 / 2000), rel=0.05)
     assert bound.high - bound.value == pytest.approx(1.96 / np.sqrt(2000), rel=0.15)  # times the scatter's root
     assert bound.value - bound.low == pytest.approx(bound.high - bound.value)
+
+
+def test_a_member_of_a_group_is_not_ruled_out() -> None:
+    others = (Rejected("b", "this record does not separate it from a"), Rejected("c", "no more than chance"))
+    assert ruled_out(others, [Separation("a", "b", 1.0, None, None)]) == others[1:]
+    assert ruled_out(others, []) == others
 
 
 def test_a_candidate_that_was_taken_out_again_says_so() -> None:
