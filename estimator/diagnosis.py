@@ -86,8 +86,8 @@ class Rejected:
 class Finding:
     """Something seen in the residual: where it is, and its size beside that by chance.
 
-    kind: "line", "whiteness", "level"; `size` in volts rms of that part of the residual; `significance` in standard
-    deviations.
+    kind: "line", "whiteness", "level"; `size` in volts of that part of the residual, rms over the axes; `significance`
+    in standard deviations.
     """
 
     kind: str

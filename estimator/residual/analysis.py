@@ -1,6 +1,7 @@
 """What is left in the innovation of a record: one look at everything, with one stated chance of a false alarm."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -48,6 +49,8 @@ def analyse(
             share,
         ),
     ]
+    # As the rms of the fit: the mean over the axes.
+    found = [replace(finding, size=finding.size / math.sqrt(innovation.shape[1])) for finding in found]
     return fit, tuple(sorted(found, key=lambda finding: -finding.size))
 
 

@@ -133,7 +133,7 @@ def test_a_floor_above_the_declared_noise_is_a_finding() -> None:
     _, found = analyse(series, np.full((n, 2), noise), record, HZ)
     (level,) = (one for one in found if one.kind == "level")
     assert level.text.startswith("the noise floor itself is 1.5")
-    assert level.size == pytest.approx(noise * np.sqrt(2.0 * (1.5**2 - 1.0)), rel=0.05)
+    assert level.size == pytest.approx(noise * np.sqrt(1.5**2 - 1.0), rel=0.05)
 
 
 def test_tails_that_underflow_are_those_of_many_digits() -> None:

@@ -123,7 +123,9 @@ def test_an_innovation_above_its_floor_is_told_with_what_is_above() -> None:
     unsure = floor.noise_floor(spectrum.periodogram(series, RATE, RESONANCE), deviation, RATE, RESONANCE).uncertainty
     assert level.text.startswith(f"the innovation is {fit.ratio:.3g} × the noise floor")
     assert fit.ratio == pytest.approx(math.sqrt(2.0), rel=0.02)
-    assert level.size == pytest.approx(math.sqrt(2.0) * NOISE, rel=0.1)
+    assert level.size == pytest.approx(NOISE, rel=0.1)  # as of one axis
+    (white_,) = only(found, "whiteness")
+    assert white_.size == pytest.approx(math.sqrt(np.mean(np.square(fit.innovation_rms))))
     assert level.significance == pytest.approx(
         (fit.ratio**2 - 1.0) / math.hypot(math.sqrt(1.0 / n), 2.0 * unsure), rel=0.01
     )
@@ -137,7 +139,7 @@ def test_harmonics_and_their_sidebands_are_told_by_their_order() -> None:
     found = only(findings(series), "line")
     assert [finding.text.startswith("around 3 × the resonance") for finding in found] == [True]
     assert "2 lines" in found[0].text
-    assert found[0].size == pytest.approx(2e-5, rel=0.3)
+    assert found[0].size == pytest.approx(2e-5 / math.sqrt(2.0), rel=0.3)  # over both axes, of which one has it
 
 
 def test_a_harmonic_beyond_half_the_rate_is_found_where_it_folds_to() -> None:
