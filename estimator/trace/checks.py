@@ -168,14 +168,16 @@ def outliers(seen: Evidence) -> list[Check]:
         return []
     with np.errstate(invalid="ignore"):
         squares = (seen.held_out.innovation / seen.held_out.deviation) ** 2
-    ratio = float(np.max(np.sqrt(np.nanmean(squares, axis=0) * MEDIAN_OF_SQUARE / np.nanmedian(squares, axis=0))))
-    by_chance = np.exp(FORBIDDEN * np.sqrt(RMS_OVER_MEDIAN / np.sum(np.isfinite(squares[:, 0]))))
-    return [
-        Check(
-            "outliers", bool(ratio < AT_FLOOR * by_chance),
-            f"the innovation of the part held out is {ratio:.4g} × what its median is of normal noise, rms",
-        )
-    ]  # fmt: skip
+    squares *= MEDIAN_OF_SQUARE / np.nanmedian(squares, axis=0)
+    ratio, samples = float(np.max(np.sqrt(np.nanmean(squares, axis=0)))), int(np.sum(np.isfinite(squares[:, 0])))
+    by_chance = np.exp(FORBIDDEN * np.sqrt(RMS_OVER_MEDIAN / samples))
+    far = np.flatnonzero(np.any(squares > chi2_isf(RARE / samples, 1.0), axis=1))
+    told = (
+        f"of {samples} samples held out, {len(far)} are far outside the noise, the first at sample {far[0]} of them"
+        if len(far)
+        else f"the part held out has longer tails than normal noise: its rms is {ratio:.4g} × what its median gives"
+    )
+    return [Check("outliers", bool(ratio < AT_FLOOR * by_chance), told)]
 
 
 def reference(seen: Evidence) -> list[Check]:

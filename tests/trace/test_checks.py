@@ -177,12 +177,16 @@ def test_an_error_of_a_few_samples_is_no_noise(share: float, passed: bool) -> No
     """A five-hundredth of the samples is twenty times as large: 1.3 × by the rms, and one channel is enough."""
     rng = np.random.default_rng(5)
     left = rng.standard_normal((20_000, 2)) * [1e-4, 3e-4]
-    left[rng.random(20_000) < share, 1] *= 20.0
+    hit = np.flatnonzero(rng.random(20_000) < share)
+    left[hit, 1] = 40.0 * 3e-4
     left[7] = np.nan
     later = replace(evaluation(np.eye(1)), innovation=left, deviation=np.full((20_000, 2), [1e-4, 3e-4]))
     seen = replace(evidence(SURE, later=later), of=replace(OF, axes=2))
     check = only(outliers(seen))
     assert (check.name, check.passed, check.effect) == ("outliers", passed, "")
+    said = "of 19999 samples held out, " + (f"{len(hit)} are far outside the noise" if len(hit) else "")
+    assert check.sentence.startswith(said) is not passed
+    assert passed or check.sentence.endswith(f"the first at sample {hit[0]} of them")
     assert outliers(evidence(SURE, later=later)) == []  # of a single axis
 
 
