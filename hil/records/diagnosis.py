@@ -354,8 +354,13 @@ def _written(value: Any) -> Any:
 
 
 def coefficient(interval: traced.Interval) -> Coefficient:
+    # What is below the rounding of its interval is nothing.
+    width = interval.high - interval.low
+    nothing = np.isfinite(width) and abs(interval.value) < np.finfo(float).eps * width
     return Coefficient(
-        value=finite(interval.value), ci95=(finite(interval.low), finite(interval.high)), unit=interval.unit
+        value=0.0 if nothing else finite(interval.value),
+        ci95=(finite(interval.low), finite(interval.high)),
+        unit=interval.unit,
     )
 
 

@@ -202,6 +202,26 @@ def test_a_fault_is_told_first_and_not_declared(tmp_path: Path) -> None:
     assert "--add" not in str(after_trace(tmp_path, diagnosis))
 
 
+def test_a_residual_that_falls_by_no_digit_shown_leaves_the_evidence_to_tell(tmp_path: Path) -> None:
+    same = replace(answer(), held_out_before=replace(answer().held_out_after, ratio=1.0004))
+    diagnosis = to_model(same, record="ride", bench="S-test")
+    assert headline(diagnosis).startswith("The model lacks: cubic stiffness of each axis; it raises 2 ln L by 160")
+    (tmp_path / "bench.toml").write_text("[device]\n", encoding="utf-8")
+    page = write_page(tmp_path, diagnosis, Pictures(), ("Record", "1 s", "9 rows"), "1 s").read_text(encoding="utf-8")
+    assert "Residual before" not in page
+    assert "2 ln L, on the fitted part" in page
+
+
+def test_a_coefficient_of_which_the_record_says_nothing_is_0_within_its_interval() -> None:
+    (effect,) = answer().effects
+    unbounded = traced.Interval(2.0, -math.inf, math.inf, "1")
+    nothing = replace(effect, coefficients={"olx": traced.Interval(4.8e-90, -1.96e-4, 1.96e-4, "1"), "a": unbounded})
+    (said,) = to_model(replace(answer(), effects=(nothing,)), record="ride", bench="S-test").effects
+    assert said.coefficients["olx"].value == 0.0
+    assert said.coefficients["olx"].ci95 == (-1.96e-4, 1.96e-4)
+    assert said.coefficients["a"].value == 2.0
+
+
 @pytest.mark.slow
 def test_the_page_is_one_file_and_says_it_all(tmp_path: Path) -> None:
     page = written(tmp_path, answer())

@@ -158,10 +158,13 @@ def headline(diagnosis: Diagnosis) -> str:
     if partly and diagnosis.share is None:
         said += "; without it a constant of the model is one that the device cannot have, and the residual is the noise"
     elif before is not None and after is not None:
-        them = "it" if len(titles) == 1 else "them"
+        them, they = ("it", "it raises") if len(titles) == 1 else ("them", "they raise")
         falls = "falls" if after < before else "goes"
         said += (
-            f"; with {them} the residual {falls} from {significant(before)} to {significant(after)} × the noise floor"
+            f"; {they} 2 ln L by {_evidence(diagnosis)}"
+            if _is_as_before(diagnosis)
+            else f"; with {them} the residual {falls} from {significant(before)} to {significant(after)} × the noise "
+            "floor"
         )
     if partly and diagnosis.share is not None:
         said += f", {significant(100.0 * diagnosis.share)} % of its power above the floor"
@@ -171,6 +174,16 @@ def headline(diagnosis: Diagnosis) -> str:
             f"; on this record {'it' if len(titles) == 1 else 'one'} cannot be distinguished from {with_and(others)}"
         )
     return said
+
+
+def _is_as_before(diagnosis: Diagnosis) -> bool:
+    """Whether the residual over its floor, in the digits shown, is the same before and after."""
+    ratios = (diagnosis.held_out.before.ratio, diagnosis.held_out.after.ratio)
+    return len({None if ratio is None else significant(ratio) for ratio in ratios}) == 1
+
+
+def _evidence(diagnosis: Diagnosis) -> str:
+    return with_and(significant(effect.evidence or 0.0) for effect in diagnosis.effects)
 
 
 def _force(diagnosis: Diagnosis, picture: str) -> tuple[str, ...]:
@@ -208,8 +221,11 @@ def _key_figures(diagnosis: Diagnosis) -> list[tuple[str, str, str]]:
     before, after = diagnosis.held_out.before, diagnosis.held_out.after
     changed = bool(diagnosis.effects)
     entries: list[tuple[str, str, str]] = []
-    for what, fit in (("Residual before" if changed else "Residual", before), ("Residual after", after)):
-        if fit.ratio is not None and (changed or fit is before):
+    parted = changed and not _is_as_before(diagnosis)
+    if changed and not parted:
+        entries.append(("Evidence", _evidence(diagnosis), "2 ln L, on the fitted part"))
+    for what, fit in (("Residual before" if parted else "Residual", before), ("Residual after", after)):
+        if fit.ratio is not None and (parted or fit is before):
             entries.append(
                 (
                     what,
