@@ -109,7 +109,7 @@ def remarks(record: Record, device: Device) -> tuple[str, ...]:
         if len(series) < _SET.fewest_samples:
             continue
         name, unit = f"sense channel {'xy'[axis]}", device.sense_unit
-        code = float(np.median(np.diff(np.unique(series)))) if np.ptp(series) > 0.0 else 0.0
+        code = common_code(series)
         if code > math.sqrt(12.0) * noise:
             rounding = code / math.sqrt(12.0)
             said.append(
@@ -122,6 +122,23 @@ def remarks(record: Record, device: Device) -> tuple[str, ...]:
         if still > max(_SET.end_samples, 4 * moving):
             said.append(f"{name} stands still for up to {still} samples at a time: it is held, and not clipped")
     return tuple(said)
+
+
+def common_code(series: Array) -> float:
+    """The largest number of which all steps between samples are multiples to within the rounding of single precision;
+    0: none, or there are not fewer values than samples.
+    """
+    steps = np.diff(np.unique(series))
+    rounding = 2.0 * float(np.finfo(np.float32).eps * np.max(np.abs(series)))
+    steps = steps[steps > rounding]
+    if not 0 < len(steps) < len(series) // 2:
+        return 0.0
+    code, left = 0.0, steps
+    while len(left):  # Euclid's algorithm
+        code = float(np.min(left))
+        left = np.abs(steps - code * np.round(steps / code))
+        left = left[left > rounding]
+    return code
 
 
 def longest_stand(series: Array) -> int:

@@ -151,3 +151,12 @@ def test_coarse_codes_are_told_with_their_noise() -> None:
     assert "codes of 0.012 V" in said[0]
     assert "noise of 0.00346 V" in said[0]
     assert remarks(record, DEVICE) == ()
+
+
+def test_samples_on_no_grid_have_no_codes() -> None:
+    """Volts that are large for the declared noise: neighbours of the sorted samples lie farther apart than it."""
+    random = np.random.default_rng(2)
+    record = ride()
+    sense = 1000.0 * (record.sense + NOISE * random.standard_normal(record.sense.shape))
+    assert np.median(np.diff(np.unique(sense[:, 0]))) > np.sqrt(12.0) * NOISE
+    assert remarks(Record(sense, record.drive, record.step), DEVICE) == ()
