@@ -387,7 +387,7 @@ _SPACE = "\u00a0"
 
 
 def shown(row: SheetRow) -> str:
-    """`0.152 °/√h (0.148 to 0.156)`: as many digits as the interval bears."""
+    """`0.152 °/√h (0.148 to 0.156)`: as many digits as the interval bears; `< 0.152 °/√h`: an upper limit."""
     if row.value is None or row.low is None or row.high is None:
         return "not determined"
     figure = BY_NAME[row.figure]
@@ -395,6 +395,8 @@ def shown(row: SheetRow) -> str:
     half, size = 0.5 * (high - low), max(abs(value), abs(low), abs(high))
     digits = 3 if half <= 0.0 or size == 0.0 else min(max(2 - math.floor(math.log10(half / size)), 2), 6)
     text = f"{significant(value, digits)}{_unit(row)}"
+    if row.low == 0.0 < row.value == row.high:
+        return f"< {text}"
     return text if half == 0.0 else f"{text} ({significant(low, digits)} to {significant(high, digits)})"
 
 

@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 import hil
 from hil.bench.data_sheet import FIGURES
+from hil.characterising.figures import shown
 from hil.errors import InputError
 from hil.records.capture import import_layout
 from hil.records.data_sheet import load_data_sheet
@@ -241,4 +242,6 @@ def test_an_upper_limit_says_how_long_half_of_it_takes(tmp_path):
         for n in (6_000, 24_000)
     )
     assert bound.said == "upper limit (95 %); half of it needs about 4 min"
+    assert shown(bound).startswith("< ")
+    assert "to" not in shown(bound)
     assert half.value == pytest.approx(0.5 * bound.value, rel=0.3)
