@@ -271,12 +271,3 @@ def test_what_is_asked_for_is_overwritten_but_never_a_folder(hil: Hil, tmp_path:
 def test_an_option_that_has_another_name_now_is_refused_with_it(hil: Hil) -> None:
     for old, new in (("--force", "--missing-force"), ("--no-force", "--no-missing-force")):
         assert refused(hil("trace", "runs/a", old)) == f"{old}: is called {new} now (see hil trace --help)"
-
-
-def test_an_argument_that_has_another_name_now_is_refused_with_it() -> None:
-    import hil as library
-
-    with pytest.raises(
-        InputError, match=r"^force: this argument is called missing_force now; give missing_force=True$"
-    ):
-        library.trace("runs/a", force=True)  # type: ignore[call-arg]

@@ -235,8 +235,8 @@ def test_init_takes_the_place_of_what_another_file_says(hil: Hil, tmp_path: Path
 
 
 def test_init_writes_nothing_that_hil_run_would_refuse(hil: Hil, tmp_path: Path) -> None:
-    line = refused(hil("init", "--like", "s-slow", "--mass", "1", "--out", "mine.bench.toml"))
-    assert "grams for kilograms?" in line
+    line = refused(hil("init", "--like", "s-slow", "--resonance", "3000", "--out", "mine.bench.toml"))
+    assert "[device] sample_rate_Hz: 4000 gives fewer than 4 samples per cycle" in line
     assert not (tmp_path / "mine.bench.toml").exists()
 
 
