@@ -6,7 +6,6 @@ import pytest
 
 from hil.bench import examples
 from hil.cli.app import app
-from hil.errors import InputError
 from tests.cli.conftest import Hil
 
 VERBS = [command.name for command in app.registered_commands]
