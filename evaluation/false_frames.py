@@ -18,7 +18,7 @@ import numpy as np
 from scipy.stats import binom
 
 from hil.sensors.declared import Protocol, protocols
-from hil.sensors.layouts import framing_of
+from hil.sensors.layouts import Layout, framing_of
 from hil.sensors.stream_decoder import StreamDecoder
 
 ODDS = {"crc32": 2.0**-32, "crc16": 2.0**-16, "sum8": 2.0**-8, "sum16": 2.0**-16, "words_zero": 2.0**-16,
@@ -105,7 +105,11 @@ def frames(protocol: Protocol, size: int, chance: np.random.Generator) -> tuple[
         head, length = HEADS[protocol.name]
         begin = bytes.fromhex(head)
     else:
-        begin, length = next(iter(framing_of(protocol).sizes.items()))
+        framing = framing_of(protocol)
+        begin = framing.begins[0]
+        layout = framing.find(begin, 0)
+        assert isinstance(layout, Layout)
+        length = layout.size
     rows = chance.integers(0, 256, (max(size // length, 1), length), np.uint8)
     rows[:, : len(begin)] = np.frombuffer(begin, np.uint8)
     if protocol.tail:
