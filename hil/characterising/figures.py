@@ -70,8 +70,7 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
         told.missing = why
         return told
     told.found = told.line.figures()
-    if (left := told.found.get("delay")) is not None:
-        told.found["delay"] = Estimate(left.value + late_s, left.low + late_s, left.high + late_s)
+    told.found = _later(told.found, late_s)
     if not told.referred:
         told.found["bias"] = told.found["bias"]._replace(said=AT_REST)
     elif "scale_factor_error" not in told.found and whole.reference is not None and np.any(whole.reference):
@@ -92,7 +91,7 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
             )
         _read(told, record, sums, moves=parts[longest].moves)
         if told.referred and whole.moves:
-            told.found |= _response(records[longest])
+            told.found |= _later(_response(record), late_s)
         started = _start_up(record, told, parts[longest] if len(parts) == 1 else None)
         if started is not None:
             told.found["start_up"] = started
@@ -101,25 +100,50 @@ def figures_of(records: Sequence[Axis]) -> AxisFigures:
     return told
 
 
+def _later(found: dict[str, Estimate], late_s: float) -> dict[str, Estimate]:
+    """Figures of a record of which the reference was moved by so much: what is left of the delay, and that."""
+    if (left := found.get("delay")) is None:
+        return found
+    return found | {"delay": Estimate(left.value + late_s, left.low + late_s, left.high + late_s)}
+
+
 def _in_time(
     records: Sequence[Axis], parts: list[Stretches]
 ) -> tuple[Sequence[Axis], float, list[Stretches], Line | None]:
     """The records with their reference as late as the output is, that delay in s, their stretches and the fit to them:
     what is late by more than a first order is a smaller scale factor to a fit (1 − (ωτ)²/2 of a sine).
     """
-    late_s, best = 0.0, line(joined(parts))
-    moved = records
+    late_s, best, moved = 0.0, line(joined(parts)), records
+    if best is None or best.delay is None:
+        return records, 0.0, parts, best
+    step_s, first = _rough_delay(max(records, key=lambda record: record.span)), True
     for _ in range(_ROUNDS):
-        left = None if best is None else best.delay
-        if best is None or left is None or abs(left.value) <= _CLOSE * (left.high - left.low):
+        if step_s != 0.0:
+            tried = [record.late_by(late_s + step_s) for record in records]
+            those = [_stretches(record) for record in tried]
+            found = line(joined(those))
+            if found is not None and np.mean(found.fit.residual**2) < _WORSE * np.mean(best.fit.residual**2):
+                moved, parts, best, late_s = tried, those, found, late_s + step_s
+            elif not first:
+                break
+        left, first = best.delay, False
+        if left is None or abs(left.value) <= _CLOSE * (left.high - left.low):
             break
-        tried = [record.late_by(late_s + left.value) for record in records]
-        those = [_stretches(record) for record in tried]
-        found = line(joined(those))
-        if found is None or not np.mean(found.fit.residual**2) < _WORSE * np.mean(best.fit.residual**2):
-            break
-        moved, parts, best, late_s = tried, those, found, late_s + left.value
+        step_s = left.value
     return moved, late_s, parts, best
+
+
+def _rough_delay(record: Axis) -> float:
+    """How late the output is, s, to a sample: where it goes with its reference best, within a quarter of the record.  A
+    fit finds no delay beyond the shortest period in it.
+    """
+    from scipy.signal import correlate
+
+    rate, reference = _beginning(record)
+    if rate.size < LEAST:
+        return 0.0
+    goes = correlate(rate - rate.mean(), reference - reference.mean(), method="fft")[rate.size - 1 :]
+    return float(np.argmax(np.abs(goes[: rate.size // 4]))) / record.rate_Hz
 
 
 def _settled_span(record: Axis) -> int:
@@ -275,8 +299,13 @@ def _read(told: AxisFigures, record: Axis, sums: AllanSums, *, moves: bool) -> N
 
 
 def _response(record: Axis) -> dict[str, Estimate]:
-    """From the longest beginning without a gap."""
-    rates, references, count = [], [], 0
+    rate, reference = _beginning(record)
+    return response(rate, reference, record.rate_Hz) if rate.size else {}
+
+
+def _beginning(record: Axis) -> tuple[Floats, Floats]:
+    """Rate and reference (n,) of the longest beginning without a gap."""
+    rates, references, count = [np.zeros(0)], [np.zeros(0)], 0
     due: int | None = None
     for block in _settled(record):
         assert block.reference is not None
@@ -288,7 +317,7 @@ def _response(record: Axis) -> dict[str, Estimate]:
         count, due = count + whole, int(begin) + whole
         if whole < tick.size or count >= _RESPONSE:
             break
-    return response(np.concatenate(rates), np.concatenate(references), record.rate_Hz) if count else {}
+    return np.concatenate(rates), np.concatenate(references)
 
 
 def _start_up(record: Axis, told: AxisFigures, part: Stretches | None) -> Estimate | None:
