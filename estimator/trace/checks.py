@@ -172,11 +172,10 @@ def outliers(seen: Evidence) -> list[Check]:
     ratio, samples = float(np.max(np.sqrt(np.nanmean(squares, axis=0)))), int(np.sum(np.isfinite(squares[:, 0])))
     by_chance = np.exp(FORBIDDEN * np.sqrt(RMS_OVER_MEDIAN / samples))
     far = np.flatnonzero(np.any(squares > chi2_isf(RARE / samples, 1.0), axis=1))
-    told = (
-        f"of {samples} samples held out, {len(far)} are far outside the noise, the first at sample {far[0]} of them"
-        if len(far)
-        else f"the part held out has longer tails than normal noise: its rms is {ratio:.4g} × what its median gives"
-    )
+    told = f"the part held out has longer tails than normal noise: its rms is {ratio:.4g} × what its median gives"
+    if len(far):
+        where = f"the first {far[0]} samples behind the start of that part"
+        told = f"of {samples} samples held out, {len(far)} are far outside the noise, {where}"
     return [Check("outliers", bool(ratio < AT_FLOOR * by_chance), told)]
 
 

@@ -186,7 +186,7 @@ def test_an_error_of_a_few_samples_is_no_noise(share: float, passed: bool) -> No
     assert (check.name, check.passed, check.effect) == ("outliers", passed, "")
     said = "of 19999 samples held out, " + (f"{len(hit)} are far outside the noise" if len(hit) else "")
     assert check.sentence.startswith(said) is not passed
-    assert passed or check.sentence.endswith(f"the first at sample {hit[0]} of them")
+    assert passed or check.sentence.endswith(f"the first {hit[0]} samples behind the start of that part")
     assert outliers(evidence(SURE, later=later)) == []  # of a single axis
 
 
