@@ -3,8 +3,6 @@
 A plug-in may have its angle and its rate from one wrong number, and its innovations right all the same.
 """
 
-import math
-
 import numpy as np
 
 from estimator.gaps import observe
@@ -34,20 +32,21 @@ def own_reading(folder: RunFolder, bench: Bench) -> OwnReading | None:
     device = recorded_device_of(own, capture)
     observer = Observer(device, observer_settings_of(own), control_of(own, capture))
     drives, every = drives_of(capture, device), bench.loop.estimate_every
-    tick, angle, deviation = [], [], []
+    ticks, own_angle, own_sd = scored.tick, [], []
     for samples in pieces_of_samples(capture, drives):
         seen = observe(observer, samples.sense, samples.drive, gaps_of(samples, drives), step=samples.step, every=every)
-        tick.append(samples.tick)
-        angle.append(seen.angle)
-        deviation.append(seen.angle_deviation)
-    rows = np.searchsorted(ticks := np.concatenate(tick), scored.tick)
-    rows = np.minimum(rows, len(ticks) - 1)
-    read = np.stack([np.concatenate([piece["angle_rad"] for piece in scored.pieces()]), np.concatenate(angle)[rows]])
+        # Of each piece what the estimates have rows of: a run of hours has no room for all.
+        begin, end = np.searchsorted(ticks, samples.tick[[0, -1]] + [0, 1])
+        rows = np.searchsorted(samples.tick, ticks[begin:end])
+        own_angle.append(seen.angle[rows])
+        own_sd.append(seen.angle_deviation[rows])
+    own_read = np.concatenate(own_angle)
+    if not len(own_read):
+        return None
+    read = np.stack([np.concatenate([piece["angle_rad"] for piece in scored.pieces()])[: len(own_read)], own_read])
     turned = read - read[:, :1]
     at = int(np.argmax(np.abs(turned[0] - turned[1])))
-    sd = float(np.concatenate(deviation)[rows[at]])
+    sd = float(np.concatenate(own_sd)[at])
     if not np.isfinite([*turned[:, at], sd]).all():
         return None
-    return OwnReading(
-        plugin_rad=float(turned[0, at]), own_rad=float(turned[1, at]), own_expanded_rad=COVERAGE * math.fabs(sd)
-    )
+    return OwnReading(plugin_rad=float(turned[0, at]), own_rad=float(turned[1, at]), own_expanded_rad=COVERAGE * sd)
